@@ -84,7 +84,10 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
     for frame, known in _known(request):
         depth = request.pipeline.predict(frame, replace(request.camera, scale=None)).depth
         name = str(frame.path or request.pairs)
-        points = _inside(depth, known, name)
+        try:
+            points = known.within(depth.width, depth.height) if len(known) else known
+        except UsageError as error:
+            raise InputError(error.message.about(name)) from error
         warnings += [about(name, warning) for warning in points.warnings]
         sample = _sample(depth, points)
         if len(sample.true_m):
@@ -165,13 +168,6 @@ def _points(request: CalibrationRequest, frame: Frame) -> AnchorPoints:
     if path_of(anchors.path).is_dir() and not anchors.is_by_image:
         anchors = replace(anchors, path=str(anchors.file_for(image.name, picture=image)))
     return anchors.read(image)
-
-
-def _inside(depth: DepthMap, points: AnchorPoints, name: str) -> AnchorPoints:
-    try:
-        return points.within(depth.width, depth.height) if len(points) else points
-    except UsageError as error:
-        raise InputError(error.message.about(name)) from error
 
 
 def _sample(depth: DepthMap, points: AnchorPoints) -> _Sample:

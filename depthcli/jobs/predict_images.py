@@ -26,7 +26,10 @@ def predict_pictures(
     """Process the images and yield their results, in order; raises as ``predict`` states."""
     anchors = request.anchors
     own = anchors if isinstance(anchors, AnchorFiles) and anchors.is_by_image else None
-    points = None if own else _points_of_all(request)
+    try:
+        points = None if own else request.known_points()
+    except InputError as error:
+        raise UsageError(error.message, option="anchors") from error
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)  # imported while the model loads
     known = [] if isinstance(anchors, tuple) or own else [path_of(anchors.path)]
@@ -79,10 +82,3 @@ def _predict_picture(
     shown, outputs = displayed_depth(depth, frame.windows), tuple(map(str, plan.outputs.values()))
     seconds, texts = time.perf_counter() - start, tuple(dict.fromkeys(warnings))
     return PictureResult(plan.name, outputs, shown, session.provider, seconds, warnings=texts)
-
-
-def _points_of_all(request: PredictRequest) -> AnchorPoints | None:
-    try:
-        return request.known_points()
-    except InputError as error:
-        raise UsageError(error.message, option="anchors") from error

@@ -96,9 +96,9 @@ class VideoOutput(ExitStack, ABC):
     def append(self, encoded: Any) -> None:  # noqa: ANN401
         """Write an encoded frame; called in the order of the frames."""
 
-    @abstractmethod
     def finish(self) -> tuple[str, ...]:
         """Complete the output, and return warnings of one line."""
+        return ()
 
 
 class VideoFile(VideoOutput):

@@ -62,10 +62,6 @@ class PreviewPage(VideoOutput):
             self._newest, self._count = encoded, self._count + 1
             self._changed.notify_all()
 
-    def finish(self) -> tuple[str, ...]:
-        """No warning."""
-        return ()
-
     def jpeg_after(self, count: int) -> tuple[int, bytes] | None:
         """Wait for a frame after the one with this number; None if the video ends before."""
         with self._changed:
