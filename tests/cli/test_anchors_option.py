@@ -240,17 +240,19 @@ def test_a_batch_does_not_replace_known_depth(inside: Cli, name: str) -> None:
 
 
 def test_own_depth_of_images_is_used_where_there_is_any(inside: Cli) -> None:
-    tree(inside, "a.jpg", "b.jpg")
+    tree(inside, "a.jpg", "b.jpg", "c.jpg")
     plain, facts = inside.folder / "in/a.jpg", {"Format": "RangeLinear", "Near": "1", "Far": "3"}
     shades = np.full((6, 8), 127, np.uint8)
+    no_unit = made.jpeg_with_depth(plain.read_bytes(), shades, **facts)
+    plain.with_name("c.jpg").write_bytes(no_unit)
     plain.write_bytes(made.jpeg_with_depth(plain.read_bytes(), shades, Units="m", **facts))
     words = ("--anchors", "self", "--json", "--format", "npy", "-o")
-    found = printed(inside("predict", "in/a.jpg", "in/b.jpg", *words, "out/"))
-    assert [one["anchors"] and one["anchors"]["given"] for one in found] == [48, None]
-    assert [len(one["warnings"]) for one in found] == [1, 1]  # whether it is metric
+    found = printed(inside("predict", "in/a.jpg", "in/b.jpg", "in/c.jpg", *words, "out/"))
+    assert [one["anchors"] and one["anchors"]["given"] for one in found] == [48, None, None]
+    assert [len(one["warnings"]) for one in found] == [1, 1, 1]  # whether it is metric
     assert found[0]["median"] == pytest.approx(1.996, abs=0.01)
     for kept in (False, True):
-        assert [one["kept"] for one in printed(inside("batch", "in", *words, "all"))] == [kept] * 2
+        assert [one["kept"] for one in printed(inside("batch", "in", *words, "all"))] == [kept] * 3
     assert rows(inside, "all")["a.jpg"]["anchors"]["given"] == 48
     assert inside("predict", "in/a.jpg", "--anchors-scale", "2", *words, "c/").returncode == 2
 

@@ -6,6 +6,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
+from helpers.file_trees import contents
 from helpers.tiny import synthetic_picture, write_model, write_picture
 
 NAMES = ("a.png", "z.png", "hall/b.png")
@@ -26,9 +27,8 @@ def pictures(folder: Path) -> None:
 
 def outputs(folder: Path) -> dict[str, bytes]:
     """All but the manifest, whose seconds differ."""
-    paths = (path for path in folder.rglob("*") if path.is_file())
-    found = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
-    return {name: data for name, data in found.items() if name != "manifest.jsonl"}
+    found = contents(folder).items()
+    return {name: data for name, data in found if name != "manifest.jsonl"}
 
 
 def kept(folder: Path, out: str = "out", options: BatchOptions | None = None) -> dict[str, bool]:

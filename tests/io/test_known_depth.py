@@ -18,7 +18,7 @@ from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth import clouds
-from depthcli.io.depth.anchors import SELF, AnchorFiles, read_known_depth
+from depthcli.io.depth.anchors import AnchorFiles, read_known_depth
 from depthcli.io.depth.extrinsics import read_extrinsics
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
@@ -119,18 +119,9 @@ def test_distances_along_the_ray_become_depth(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", 3 * np.sqrt(1 + across**2 + down[:, None] ** 2))
     points = AnchorFiles(str(tmp_path / "a.npy"), None, DepthEncoding.DISTANCE, camera).read()
     assert points.depth_m == pytest.approx(np.full(24, 3.0))
-    with pytest.raises(InputError):
-        AnchorFiles(str(tmp_path / "a.npy"), None, DepthEncoding.DISTANCE).read()
     np.save(tmp_path / "b.npy", np.full((4, 6), focal_px / 6))
-    for baseline_m in (0.5, None):
-        files = AnchorFiles(
-            str(tmp_path / "b.npy"), None, DepthEncoding.DISPARITY, camera, baseline_m
-        )
-        if baseline_m:
-            assert files.read().depth_m == pytest.approx(np.full(24, 3.0))
-        else:
-            with pytest.raises(InputError):
-                files.read()
+    files = AnchorFiles(str(tmp_path / "b.npy"), None, DepthEncoding.DISPARITY, camera, 0.5)
+    assert files.read().depth_m == pytest.approx(np.full(24, 3.0))
 
 
 def test_a_map_without_metres_is_refused(tmp_path: Path) -> None:
@@ -162,21 +153,6 @@ def test_a_folder_may_be_an_output_of_convert(tmp_path: Path) -> None:
         files.file_for("a.jpg")
     (tmp_path / "a.csv").write_text("x,y,depth_m\n1,2,3\n")
     assert files.file_for("a.jpg") == tmp_path / "a.csv"
-
-
-def test_own_depth_of_an_image_is_used_if_it_is_in_metres(tmp_path: Path) -> None:
-    path, shades = tmp_path / "a.jpg", np.array([[0, 255]], np.uint8)
-    facts = {"Format": "RangeLinear", "Near": "1", "Far": "3"}
-    path.write_bytes(made.jpeg_with_depth(made.JPEG, shades, Units="m", **facts))
-    points = AnchorFiles(SELF).read(path)
-    assert (points.depth_m.tolist(), points.size_px) == ([1, 3], (2, 1))
-    for data in (
-        made.jpeg_with_depth(made.JPEG, shades, **facts),  # without a unit
-        made.JPEG,
-    ):
-        path.write_bytes(data)
-        points = AnchorFiles(SELF).read(path)
-        assert (len(points), len(points.warnings)) == (0, 1)
 
 
 CAMERA = Intrinsics(50.0, centre_px=(31.5, 23.5), size_px=(64, 48))

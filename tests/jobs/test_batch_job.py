@@ -24,7 +24,7 @@ from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing.folder import NameFilter
-from depthcli.io.manifest import FAILED, OK, CacheKey, ManifestRow, output_entry
+from depthcli.io.manifest import FAILED, OK, CacheKey
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
@@ -154,33 +154,6 @@ def test_excluded_folder_is_not_listed(tmp_path: Path) -> None:
     wanted = NameFilter.of((), ("thumbs",))
     plan = plan_folder(str(tmp_path / "in"), str(tmp_path / "out"), wanted)
     assert {file.name for file in plan.skipped} == {"notes.txt", "hall/notes.txt"}
-
-
-ORIGIN = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
-
-
-def test_earlier_row_is_reused_for_equal_input_key_and_outputs(tmp_path: Path) -> None:
-    path = tmp_path / "a.depth.png"
-    path.write_bytes(b"depth")
-    row = ManifestRow("a.png", OK, ORIGIN, (output_entry(tmp_path, path),), 0.5, "3" * 64)
-    (tmp_path / "a.png").write_bytes(b"")
-    (file,) = plan_files(["a.png"], "mine", str(tmp_path), str(tmp_path / "out")).inputs
-
-    def kept(
-        earlier: ManifestRow | None, sha256: str = "3" * 64, origin: CacheKey = ORIGIN
-    ) -> ManifestRow | None:
-        return BatchTask(file, {Format.PNG16: path}, earlier, is_listed=True).reusable_row(
-            tmp_path, sha256, origin
-        )
-
-    assert kept(row) is row
-    assert kept(None) is None
-    assert kept(row, sha256="4" * 64) is None
-    for change in ("options_sha256", "model", "model_sha256", "version"):
-        assert kept(row, origin=replace(ORIGIN, **{change: "other"})) is None
-    assert kept(replace(row, status=FAILED)) is None
-    path.write_bytes(b"other")
-    assert kept(row) is None
 
 
 def test_a_folder_and_its_outputs_may_be_file_uris_or_paths(tmp_path: Path) -> None:

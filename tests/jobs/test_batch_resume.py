@@ -9,6 +9,7 @@ from helpers.batches import NAMES, kept, outputs, pictures, request
 from helpers.tiny import prompted_onnx, synthetic_picture, write_model, write_picture
 from helpers.videos import flat_frames, write_video
 
+from depthcli import __version__
 from depthcli.core.camera import Anchor, Intrinsics
 from depthcli.core.options import AUTO_TILE, AnchorsFit, ReadOptions, Upsampling, UpsamplingOptions
 from depthcli.errors import Message, UsageError
@@ -82,6 +83,17 @@ def test_a_changed_input_is_done_again(tmp_path: Path) -> None:
     (tmp_path / "in" / "z.png").replace(tmp_path / "in" / "a.png")
     assert kept(tmp_path) == {"a.png": False, "hall/b.png": True}
     assert outputs(tmp_path / "out")["a.depth.png"] == old["z.depth.png"] != old["a.depth.png"]
+
+
+@pytest.mark.parametrize(("now", "then"), [(__version__, "0.1"), ('"ok"', '"failed"')])
+def test_what_another_version_made_or_failed_is_made_again(
+    now: str, then: str, tmp_path: Path
+) -> None:
+    pictures(tmp_path)
+    kept(tmp_path)
+    manifest = tmp_path / "out" / "manifest.jsonl"
+    manifest.write_text(manifest.read_text().replace(now, then))
+    assert kept(tmp_path) == dict.fromkeys(NAMES, False)
 
 
 def test_another_network_for_known_depth_does_again_what_it_made(

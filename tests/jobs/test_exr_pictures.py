@@ -73,12 +73,15 @@ def test_its_depth_is_that_of_a_frame(data: Box, tmp_path: Path, loader: Session
     video(video_request(f"{plate.parent}/plate.%d.exr", f"{tmp_path}/v/", frames, model=loader))
     done = predicted(plate, loader, Format.EXR, Format.NPY)
     *expected, values = written(tmp_path / "v" / "plate.depth.000001.exr")
-    *found, stored = written(plate.parent / "out" / "plate.1.depth.exr")
+    own = plate.parent / "out" / "plate.1.depth.exr"
+    *found, stored = written(own)
     assert found == expected == [data, DISPLAY, 2]
+    assert np.isfinite(stored).all()
     np.testing.assert_array_equal(stored, values)
     shown = np.load(plate.parent / "out" / "plate.1.depth.npy")
     np.testing.assert_array_equal(shown, np.load(tmp_path / "v" / "plate.depth.000001.npy"))
     np.testing.assert_array_equal(done.depth.values, shown)
+    np.testing.assert_array_equal(read_stored_depth(own).displayed.values, shown)
     assert done.depth.provenance.pixel_aspect == 2
 
 
@@ -241,30 +244,6 @@ def depth_of(tmp_path: Path, loader: SessionLoader) -> Callable[..., VideoResult
         return video(dataclasses.replace(request, settings=chosen))
 
     return predicted
-
-
-@WINDOWS
-def test_depth_has_the_windows_and_the_pixels_of_its_plate(
-    data: Box, tmp_path: Path, depth_of: Callable[..., VideoResult]
-) -> None:
-    write_plate(tmp_path / "in", 1001, data, aspect=2)
-    done = depth_of(VideoFormat.EXR, VideoFormat.NPY)
-    assert (done.depth.height, done.depth.width) == size_of(DISPLAY)
-    out, name = tmp_path / "out", "plate.depth.001001"
-    *windows, aspect, stored = written(out / f"{name}.exr")
-    assert (*windows, aspect) == (data, DISPLAY, 2)
-    assert stored.shape == size_of(data)
-    assert np.isfinite(stored).all()
-    shown = np.load(out / f"{name}.npy")
-    np.testing.assert_array_equal(read_stored_depth(out / f"{name}.exr").displayed.values, shown)
-    left, top, right, bottom = (
-        pick(a, b) for pick, a, b in zip((max, max, min, min), data, DISPLAY, strict=True)
-    )
-    common = (left, top, right, bottom)
-    np.testing.assert_array_equal(stored[inside(common, data)], shown[inside(common, DISPLAY)])
-    hole = np.ones(shown.shape, bool)
-    hole[inside(common, DISPLAY)] = False
-    assert np.isnan(shown[hole]).all()
 
 
 @WINDOWS
