@@ -109,7 +109,12 @@ class Run:
                     self._update(phase)
         if self.average:
             self.average.update(self.method.generator, self.state.step + 1)
-        return finite_losses(losses)
+        together = torch.stack([loss.float() for loss in losses.values()])  # one transfer
+        values = dict(zip(losses, together.tolist(), strict=True))
+        for name, value in values.items():
+            if not math.isfinite(value):
+                raise TrainingError(f"the loss term '{name}' became {value}", _ADVICE)
+        return values
 
     def _update(self, phase: Phase) -> None:
         optimizer, optim = self.optimizers[phase], self.config.optim
@@ -238,16 +243,6 @@ def _parameter_groups(networks: list[nn.Module], weight_decay: float) -> list[di
         {"params": [w for w in weights if w.ndim <= 1], "weight_decay": 0.0},
     ]
     return [group for group in groups if group["params"]]
-
-
-def finite_losses(losses: dict[str, Tensor]) -> dict[str, float]:
-    """The loss terms as floats, in one transfer from the device."""
-    together = torch.stack([term.detach().float() for term in losses.values()])
-    values = dict(zip(losses, together.tolist(), strict=True))
-    for name, value in values.items():
-        if not math.isfinite(value):
-            raise TrainingError(f"the loss term '{name}' became {value}", _ADVICE)
-    return values
 
 
 def random_state(method: Method, device: torch.device) -> dict[str, Any]:

@@ -22,7 +22,6 @@ class DecodingGenerator(nn.Module):
     ) -> None:
         """Build the decoder for the channels of :meth:`_encode`, of which 0 stands for no map."""
         self.encoder_channels, self.decoder_channels = tuple(encoder), tuple(decoder)
-        self.norm = norm
         deepest = encoder[-1]
         self.whole_picture = nn.Linear(deepest, deepest)
         self.dropout = nn.Dropout2d(dropout)
