@@ -143,7 +143,9 @@ class BatchTask:
     def failed_result(
         self, error: Exception, batch: manifest.CacheKey, start_s: float, sha256: str | None
     ) -> BatchResult:
-        """The result of an input that failed, with the reason."""
+        """The result of an input that failed; raises a UsageError, which is about the batch."""
+        if isinstance(error, UsageError):
+            raise error
         return self.result(batch, start_s, sha256, failure_reason(error))
 
 

@@ -18,7 +18,7 @@ from depthcli.core.parallel import ordered_map
 from depthcli.core.progress import Progress
 from depthcli.core.types import Frame, displayed_depth
 from depthcli.core.validation import fingerprint
-from depthcli.errors import InputError, ModelError, UsageError, about, os_errors_as
+from depthcli.errors import InputError, ModelError, about, os_errors_as
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.measure import check_network
 from depthcli.inference.pipeline import Pipeline, Prediction
@@ -89,8 +89,6 @@ class ImageWorker:
                 return BatchResult(row, is_kept=True)
             task.check_outputs(overwrite=self.options.overwrite)
             frame = self.options.read(path_of(task.input.path), data)
-        except UsageError:
-            raise
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return task.failed_result(error, self.key, start_s, sha256)
         return _OpenedImage(task, frame, points, sha256, time.perf_counter() - start_s)
@@ -100,8 +98,6 @@ class ImageWorker:
     ) -> BatchResult:
         task, frame, points, sha256, seconds = opened
         start_s = time.perf_counter() - seconds - share_s
-        if isinstance(found, UsageError):
-            raise found
         if isinstance(found, Exception):
             check_network(found, self.pipeline.session)
             return task.failed_result(found, self.key, start_s, sha256)
@@ -110,8 +106,6 @@ class ImageWorker:
             for which, path in task.outputs.items():
                 warnings += write_output(self.options.writing, which, found.depth, frame, path)
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())
-        except UsageError:
-            raise
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return task.failed_result(error, self.key, start_s, sha256)
         made, anchors = found.depth.provenance, None
@@ -153,8 +147,6 @@ class VideoWorker:
                 else:
                     facts = self._write_video(task, source, sha256)
                 return task.result(images.key, start_s, sha256, **facts)
-        except UsageError:
-            raise
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             check_network(error, images.pipeline.session)
             return task.failed_result(error, images.key, start_s, sha256)
