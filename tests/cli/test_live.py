@@ -3,7 +3,6 @@
 import json
 import signal
 import socket
-import subprocess
 import time
 from collections.abc import Callable, Iterable
 from http.server import BaseHTTPRequestHandler
@@ -208,17 +207,17 @@ def test_a_page_shows_the_newest_preview_until_the_video_ends(cli: Cli) -> None:
     assert (process.returncode, b"no effect" in said) == (0, False)
 
 
-def test_segments_of_a_video_hold_all_of_its_frames(cli: Cli) -> None:
-    write_video(cli.folder / "clip.avi", flat_frames(range(0, 250, 10)))
-    assert cli("video", "clip.avi", "-o", "whole.mkv").returncode == 0
-    assert cli("video", "clip.avi", "-o", "part.mkv", "--segment", "0.4s").returncode == 0
-    parts = sorted(cli.folder.glob("part.*.mkv"))
+def test_segments_of_a_video_hold_all_of_its_frames(inside: Cli) -> None:
+    write_video(inside.folder / "clip.avi", flat_frames(range(0, 250, 10)))
+    assert inside("video", "clip.avi", "-o", "whole.mkv").returncode == 0
+    assert inside("video", "clip.avi", "-o", "part.mkv", "--segment", "0.4s").returncode == 0
+    parts = sorted(inside.folder.glob("part.*.mkv"))
     assert [path.name for path in parts] == [f"part.{number:04d}.mkv" for number in range(3)]
     steps = [list(DepthVideo(path).steps()) for path in parts]
     assert [len(one) for one in steps] == [10, 10, 5]
     np.testing.assert_array_equal(
-        [step for one in steps for step in one], list(DepthVideo(cli.folder / "whole.mkv").steps())
+        [step for one in steps for step in one],
+        list(DepthVideo(inside.folder / "whole.mkv").steps()),
     )
     for wrong in (("--segment", "0"), ("-o", "-", "--segment", "1m"), ("--live",)):
-        done: subprocess.CompletedProcess[bytes] = cli("video", "clip.avi", *wrong)
-        assert done.returncode == 2
+        inside("video", "clip.avi", *wrong, code=2)

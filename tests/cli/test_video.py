@@ -91,12 +91,12 @@ def test_a_cut_video_is_written_as_far_as_it_goes(cli: Cli) -> None:
         (("--format", "gif"), "gif"),
     ],
 )
-def test_wrong_usage(cli: Cli, options: tuple[str, ...], reason: str) -> None:
-    (cli.folder / "clip.mp4").write_bytes(b"never read")
-    done = cli("video", "clip.mp4", *options, code=2)
+def test_wrong_usage(inside: Cli, options: tuple[str, ...], reason: str) -> None:
+    (inside.folder / "clip.mp4").write_bytes(b"never read")
+    done = inside("video", "clip.mp4", *options, code=2)
     (line,) = done.stderr.decode().splitlines()
     assert reason in line
-    assert here(cli) == {"clip.mp4"}
+    assert here(inside) == {"clip.mp4"}
 
 
 def test_a_video_flows_through_pipes(cli: Cli) -> None:
@@ -195,12 +195,12 @@ def test_a_name_that_is_not_utf_8_is_a_name_like_any_other(cli: Cli) -> None:
     assert len(list(DepthVideo(cli.folder / folder / f"{folder}.depth.mkv").steps())) == 3
 
 
-def test_stretched_frames_have_no_scale(cli: Cli) -> None:
-    ramp(cli, 3)
+def test_stretched_frames_have_no_scale(inside: Cli) -> None:
+    ramp(inside, 3)
     words = ("video", "clip.mp4", "--png-normalize", "--sidecar", "--format", "png16")
-    assert cli(*words).returncode == 0
-    assert json.loads((cli.folder / "clip.depth.json").read_text())["scale"] is None
-    cli(*words, "--format", "mkv", code=2)
+    assert inside(*words).returncode == 0
+    assert json.loads((inside.folder / "clip.depth.json").read_text())["scale"] is None
+    inside(*words, "--format", "mkv", code=2)
 
 
 def test_the_principal_point_is_stored_and_makes_the_same_points(inside: Cli) -> None:

@@ -11,7 +11,7 @@ from helpers.videos import flat_frames, write_video
 
 from depthcli import __version__
 from depthcli.core.camera import Anchor, Intrinsics
-from depthcli.core.options import AUTO_TILE, AnchorsFit, ReadOptions, Upsampling, UpsamplingOptions
+from depthcli.core.options import AUTO_TILE, AnchorsFit, ReadOptions, UpsamplingOptions
 from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, WriterOptions
@@ -56,11 +56,8 @@ def test_valid_outputs_are_kept(tmp_path: Path) -> None:
         BatchOptions((Format.NPY,)),
         BatchOptions((Format.PNG16, Format.JSON)),
         BatchOptions(writing=WriterOptions(png_scale=256.0)),
-        BatchOptions(writing=WriterOptions(png_normalize=True)),
-        BatchOptions(detail=UpsamplingOptions(Upsampling.BILINEAR)),
         BatchOptions(detail=UpsamplingOptions(tile_px=AUTO_TILE)),
         BatchOptions(camera=Intrinsics(focal_px=300.0)),
-        BatchOptions(camera=Intrinsics(hfov_deg=80.0)),
         BatchOptions(reading=ReadOptions(white_level=4095)),
         BatchOptions(anchors=(Anchor(3, 4, 2.5),)),
         BatchOptions((Format.PREVIEW,), writing=WriterOptions(legend=True)),
