@@ -32,6 +32,7 @@ from depthcli.io.storage.paths import local_copy, path_of, read_bytes
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
 from depthcli.jobs.write import failure_reason, write_output, write_stream
 from depthcli.video.formats import SEQUENCES, VideoFormat
+from depthcli.video.numbering import numbered_name
 
 if TYPE_CHECKING:
     from depthcli.io.archives import Member
@@ -243,12 +244,8 @@ class VideoWorker:
 
 def _output_files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -> Iterator[Path]:
     for which, path in outputs.items():
-        if which not in SEQUENCES:
-            yield path
-            continue
-        start, _, end = path.name.rpartition("%06d")
-        for number in numbers:
-            yield path.with_name(f"{start}{number:06d}{end}")
+        of_frames = (numbered_name(path.name, number) for number in numbers)
+        yield from map(path.with_name, of_frames if which in SEQUENCES else [path.name])
 
 
 def video_checksum(task: BatchTask, path: Path, options: BatchOptions) -> str:
