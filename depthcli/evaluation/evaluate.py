@@ -8,6 +8,7 @@ Source: Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -368,11 +369,8 @@ def score(
     rows = [(entry, alignment) for entry in entries for alignment in entry.alignments]
     scored: list[dict[str, _ImageSums]] = [{} for _ in rows]
     advance = progress.begin("comparing images", len(test))
-
-    def score_one(position: int) -> list[_ImageSums]:
-        return _score_image(dataset, position, entries, protocol, ranges_m)
-
-    with one_thread_each(workers), closing(ordered_map(score_one, test, workers=workers)) as images:
+    score = partial(_score_image, dataset, entries, protocol, ranges_m)
+    with one_thread_each(workers), closing(ordered_map(score, test, workers=workers)) as images:
         for position, image in zip(test, images, strict=True):
             for own, one in zip(scored, image, strict=True):
                 own[dataset.ids[position]] = one
@@ -383,10 +381,10 @@ def score(
 
 def _score_image(
     dataset: DepthDataset,
-    position: int,
     entries: Sequence[Entry],
     protocol: EvalProtocol,
     ranges_m: Sequence[tuple[float, float]],
+    position: int,
 ) -> list[_ImageSums]:
     """The scores of one image for every row; thread-safe."""
     sample, found, depth_m = Sample(dataset, position), [], dataset.depth_m(position)
