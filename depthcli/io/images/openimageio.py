@@ -4,18 +4,18 @@ It is an extra; the only module that imports it.
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 import numpy as np
 
 from depthcli.core.arrays import AnyArray
 from depthcli.core.options import INSTALL_FORMATS
-from depthcli.errors import InputError
+from depthcli.errors import InputError, OutputError, os_errors_as
 from depthcli.io.images.opencv import Decoded, Header
 from depthcli.io.images.pixels import upright
 from depthcli.io.listing.folder import is_installed
-from depthcli.io.storage.temporary import temporary_copy
+from depthcli.io.storage.temporary import NO_ROOM, temporary_folder
 
 _FORMATS = {  # names of formats by the first bytes of their files
     b"SDPX": "DPX",
@@ -89,16 +89,17 @@ def _opened(data: bytes) -> Iterator[Any]:
     """The file, opened from a temporary copy, because OpenImageIO reads no memory from Python."""
     import OpenImageIO as oiio  # noqa: N813, PLC0415 - an extra, and slow to load
 
-    with temporary_copy(data, "image") as path:
+    with temporary_folder() as folder:
+        path = folder / "image"
+        with os_errors_as(OutputError, *NO_ROOM):
+            path.write_bytes(data)
         options = oiio.ImageSpec()
         options["oiio:UnassociatedAlpha"] = 1  # colours as they are stored
         file = oiio.ImageInput.open(str(path), options)
         if file is None:
             raise InputError(f"is damaged ({_reason(oiio.geterror())})", "copy it again")
-        try:
+        with closing(file):
             yield file
-        finally:
-            file.close()
 
 
 def _reason(text: str) -> str:

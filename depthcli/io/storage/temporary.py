@@ -15,7 +15,7 @@ from pathlib import Path
 from depthcli.core.progress import exit_hook
 from depthcli.errors import OutputError, os_errors_as
 
-_NO_ROOM = "cannot write a temporary file", "set TMPDIR"
+NO_ROOM = "cannot write a temporary file", "set TMPDIR"  #: problem and advice
 
 
 @contextmanager
@@ -23,20 +23,10 @@ def temporary_folder() -> Iterator[Path]:
     """A folder in the system's temporary one, removed when the block or the process ends."""
     from tempfile import TemporaryDirectory  # noqa: PLC0415 - 2 ms, and seldom used
 
-    with os_errors_as(OutputError, *_NO_ROOM):
+    with os_errors_as(OutputError, *NO_ROOM):
         folder = TemporaryDirectory(prefix="depthcli-")
     with exit_hook(folder.cleanup), folder as name:
         yield Path(name)
-
-
-@contextmanager
-def temporary_copy(data: bytes, name: str) -> Iterator[Path]:
-    """A file of this content in a temporary folder."""
-    with temporary_folder() as folder:
-        copy = folder / name
-        with os_errors_as(OutputError, *_NO_ROOM):
-            copy.write_bytes(data)
-        yield copy
 
 
 _FLAGS = os.O_RDWR | os.O_CREAT | os.O_APPEND
