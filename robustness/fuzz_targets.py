@@ -35,8 +35,8 @@ from depthcli.inference.session import Session
 from depthcli.io.calibration import read_calibration
 from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.depth.read import DepthReadOptions, read_metadata, read_stored_depth
-from depthcli.io.exr.file import write_exr
-from depthcli.io.exr.image import read_exr_image, read_exr_rate
+from depthcli.io.exr.file import read_exr_rate, write_exr
+from depthcli.io.exr.image import read_exr_image
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter

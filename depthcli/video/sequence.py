@@ -10,7 +10,7 @@ from pathlib import Path
 from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions
 from depthcli.core.types import Frame, Window
 from depthcli.errors import InputError, Message, about
-from depthcli.io.exr.image import read_exr_image, read_exr_rate
+from depthcli.io.exr.image import read_exr_image
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_exr
 from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, exact_rate
@@ -121,7 +121,9 @@ class ImageSequence(FrameSource):
 
 def stated_rate(paths: Sequence[Path]) -> Fraction | None:
     """The frame rate of the first EXR that can be read, exact; None if none."""
-    for path in paths[:_TRIES]:
+    for path in (path for path in paths[:_TRIES] if is_exr(path.name)):
+        from depthcli.io.exr.file import read_exr_rate  # noqa: PLC0415 - OpenEXR is slow to load
+
         with suppress(InputError):  # which reading its pixels reports
             rate = read_exr_rate(path)
             return rate and (exact_rate(rate) or rate)

@@ -20,7 +20,7 @@ from PIL import Image
 from depthcli.core.options import Eye, ReadOptions
 from depthcli.errors import UsageError
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.exr.image import read_exr_rate
+from depthcli.io.exr.file import read_exr_rate
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import Point, Span
 from depthcli.video.numbering import find_images, is_sequence, number_in, numbered_name

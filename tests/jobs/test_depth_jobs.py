@@ -17,7 +17,7 @@ from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
-from depthcli.io.exr.image import read_exr_rate
+from depthcli.io.exr.file import read_exr_rate
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.exr.file import ExrPart, read_exr_header
+from depthcli.io.exr.file import read_exr_channels
 from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
 from depthcli.jobs.batch.plan import plan_files
@@ -36,7 +36,7 @@ FILM = Fraction(24)
 
 
 def stated(path: Path) -> tuple[Fraction | None, tuple[int, ...] | None]:
-    part = ExrPart.of(read_exr_header(path))
+    part = next(iter(read_exr_channels(path).values())).part
     return part.rate, part.time_code
 
 

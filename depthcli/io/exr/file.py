@@ -211,11 +211,11 @@ def write_exr(
     path.write_bytes(file.getbuffer())
 
 
-def read_exr_header(path: Path) -> dict[str, Any]:
-    """All attributes of the first part."""
+def read_exr_rate(path: Path) -> Fraction | None:
+    """Frames a second that the header of the first part states; None if it does not."""
     try:
         with _opened(path) as file, silenced():
-            return dict(OpenEXR.File(file, header_only=True).header())
+            return stated_rate(OpenEXR.File(file, header_only=True).header())
     except OPENEXR_ERRORS as error:
         raise InputError(f"{path} is not an EXR file that can be read") from error
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from depthcli.core.options import AS_STATED, MAX_PIXELS, Projection, ReadOptions
 from depthcli.core.types import Frame, Window, Windows
 from depthcli.errors import InputError, Message
 from depthcli.io.images.pixels import PANORAMA
-from depthcli.io.listing.folder import is_exr
 
 _LINEAR_UP_TO = 0.0031308
 _REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x, y of R, G, B and white
@@ -163,13 +161,3 @@ def _mirror_outside(pixels: Float32Array, windows: Windows) -> None:
         pixels[row, outside] = pixels[row, across[outside]]
     for row in (*range(rows.start), *range(rows.stop, len(pixels))):
         pixels[row] = pixels[down[row]]
-
-
-def read_exr_rate(path: Path) -> Fraction | None:
-    """Frames a second that an EXR's header states; None for other files, or if it does not."""
-    if not is_exr(path.name):
-        return None
-    # OpenEXR is slow to load.
-    from depthcli.io.exr.file import read_exr_header, stated_rate  # noqa: PLC0415
-
-    return stated_rate(read_exr_header(path))
