@@ -169,7 +169,8 @@ def stamps_a_second(stamp: int) -> int | None:
 def listed_names(folder: Path) -> Iterable[str]:
     """The names in a folder, in the order of their characters; OSError if it has no list."""
     if isinstance(folder, RemotePath):
-        return folder.names()
+        found = () if folder.is_http else folder.walk_names()
+        return (name for name in found if "/" not in name)
     return sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
 
 

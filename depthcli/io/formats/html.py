@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import UInt8Array, UInt16Array
+from depthcli.core.arrays import UInt16Array
 from depthcli.core.surface import Surface
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.depth.metadata import SOFTWARE
@@ -41,7 +41,9 @@ class HtmlWriter(SurfaceWriter):
             stride = math.ceil(math.sqrt(depth.values.size / _MAX_POINTS))
         surface, warnings = replace(self, stride=stride).surface(depth)
         pixels = PreviewWriter().render(depth) if frame is None else frame.pixels_8bit()
-        data = _data(depth, surface, stride) | {"image": _jpeg(pixels[::stride, ::stride])}
+        bgr = np.ascontiguousarray(pixels[::stride, ::stride, ::-1])
+        jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1]
+        data = _data(depth, surface, stride) | {"image": _text(jpeg.tobytes())}
         name = frame.path.name if frame and frame.path else "Depth"
         parts = {
             "software": SOFTWARE,
@@ -87,11 +89,6 @@ def _planes(steps: UInt16Array) -> bytes:
     """High bytes, then low ones, of the differences to the row above; a third of the size."""
     differences = np.diff(steps, axis=0, prepend=np.uint16(0))
     return (differences >> 8).astype(np.uint8).tobytes() + differences.astype(np.uint8).tobytes()
-
-
-def _jpeg(pixels: UInt8Array) -> str:
-    bgr = np.ascontiguousarray(pixels[..., ::-1])
-    return _text(cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes())
 
 
 def _module(name: str) -> str:

@@ -155,11 +155,6 @@ class RemotePath(Path, PurePosixPath):
             raise io.UnsupportedOperation(f"{self} is written as a whole, not opened as {mode!r}")
         return io.BytesIO(self.read_bytes())
 
-    def names(self) -> Iterator[str]:
-        """Names of the objects directly in this folder, in the order of their bytes."""
-        found = () if self.is_http else self.walk_names()
-        return (name for name in found if "/" not in name)
-
     def walk_names(self, after: str = "") -> Iterator[str]:
         """Names of all objects below it after a name, in the order of their bytes, page by page."""
         start = f"{self.key}/" if self.key else ""
