@@ -93,6 +93,7 @@ class Session:
         takes_one: whether the graph was exported for a single image.
         fixed_size: (height, width) that the graph states, in pixels; None where it is dynamic.
         load_known_depth: loads :attr:`known_depth` when it is needed; None if there is none.
+        on_stop: called by :meth:`stop`, for copies of the session in other processes.
     """
 
     def __init__(
@@ -111,6 +112,7 @@ class Session:
             raise UsageError(f"provider {provider!r} takes no options", advice)
         self.provider_options = dict(options)
         self.load_known_depth: Callable[[], Session] | None = None
+        self.on_stop: Callable[[], None] | None = None
         self._session = _start(model, wanted, threads, options)
         self._run_options = ort.RunOptions()
         active = self._session.get_providers()[0]
@@ -186,6 +188,8 @@ class Session:
     def stop(self) -> None:
         """Terminate all runs, current and later ones, which fail then; from any thread."""
         self._run_options.terminate = True
+        if self.on_stop is not None:
+            self.on_stop()
         if (other := vars(self).get("known_depth")) is not None:
             other.stop()
 

@@ -16,8 +16,7 @@ import pytest
 import typer
 from helpers.command_line import ROOT, Cli, unmeasured
 from helpers.folders import tree
-from helpers.tiny import write_model, write_picture
-from onnx import TensorProto, helper
+from helpers.tiny import endless_onnx, write_model, write_picture
 
 from depthcli.cli import shell
 from depthcli.cli.process import ending_signals, graceful_shutdown
@@ -115,39 +114,6 @@ def test_elsewhere_a_line_is_said_now_and_then(
         drawing.begin("a.mp4", 4, "frames")(2)
     said = capsys.readouterr().err
     assert re.fullmatch(r"a\.mp4: 2/4  \d+\.\d frames/s  \d+:\d\d to go\n", said)
-
-
-def endless_onnx() -> bytes:
-    """A network that counts to 2^63 before it gives its input back."""
-    body = helper.make_graph(
-        [
-            helper.make_node("Identity", ["go"], ["on"]),
-            helper.make_node("Add", ["sum", "one"], ["next"]),
-        ],
-        "body",
-        [
-            helper.make_tensor_value_info("i", TensorProto.INT64, []),
-            helper.make_tensor_value_info("go", TensorProto.BOOL, []),
-            helper.make_tensor_value_info("sum", TensorProto.FLOAT, None),
-        ],
-        [
-            helper.make_tensor_value_info("on", TensorProto.BOOL, []),
-            helper.make_tensor_value_info("next", TensorProto.FLOAT, None),
-        ],
-        [helper.make_tensor("one", TensorProto.FLOAT, [], [1.0])],
-    )
-    graph = helper.make_graph(
-        [helper.make_node("Loop", ["times", "true", "image"], ["depth"], body=body)],
-        "endless",
-        [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["n", 1, "height", "width"])],
-        [helper.make_tensor_value_info("depth", TensorProto.FLOAT, None)],
-        [
-            helper.make_tensor("times", TensorProto.INT64, [], [2**63 - 1]),
-            helper.make_tensor("true", TensorProto.BOOL, [], [True]),
-        ],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    return model.SerializeToString()
 
 
 ENDLESS_S = 3

@@ -159,3 +159,36 @@ def load(model: Path | str, **options: Any) -> Pipeline:
 def point_cloud(depth: types.DepthMap, focal_px: float, frame: Any = None, **more: Any) -> Any:
     """The points of a map of the inner layers, as of ``DepthMap.to_points``."""
     return DepthMap.of(depth, frame).to_points(focal_px=focal_px, **more)
+
+
+def endless_onnx() -> bytes:
+    """A network that counts to 2^63 before it gives its input back."""
+    body = helper.make_graph(
+        [
+            helper.make_node("Identity", ["go"], ["on"]),
+            helper.make_node("Add", ["sum", "one"], ["next"]),
+        ],
+        "body",
+        [
+            helper.make_tensor_value_info("i", TensorProto.INT64, []),
+            helper.make_tensor_value_info("go", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("sum", TensorProto.FLOAT, None),
+        ],
+        [
+            helper.make_tensor_value_info("on", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("next", TensorProto.FLOAT, None),
+        ],
+        [helper.make_tensor("one", TensorProto.FLOAT, [], [1.0])],
+    )
+    graph = helper.make_graph(
+        [helper.make_node("Loop", ["times", "true", "image"], ["depth"], body=body)],
+        "endless",
+        [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["n", 1, "height", "width"])],
+        [helper.make_tensor_value_info("depth", TensorProto.FLOAT, None)],
+        [
+            helper.make_tensor("times", TensorProto.INT64, [], [2**63 - 1]),
+            helper.make_tensor("true", TensorProto.BOOL, [], [True]),
+        ],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    return model.SerializeToString()

@@ -4,15 +4,17 @@ import multiprocessing
 import os
 import signal
 import subprocess
+import threading
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from helpers.batches import kept, outputs, request
 from helpers.command_line import Cli
-from helpers.tiny import synthetic_picture, write_picture
+from helpers.tiny import endless_onnx, synthetic_picture, write_model, write_picture
 
 from depthcli.errors import EngineError, ModelError
+from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.batch.engine import WorkerProcesses, process_count
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.workers import WorkerSpec
@@ -81,11 +83,26 @@ def test_a_killed_process_ends_the_batch_which_resumes(folder: Path) -> None:
 def test_errors_of_a_process_are_those_of_its_worker(folder: Path) -> None:
     wanted = in_processes(folder)
     spec = WorkerSpec(wanted.model, "0" * 64, wanted.options, wanted.plan.out)
-    with WorkerProcesses(spec, 1, 1) as processes, pytest.raises(ModelError, match="began with"):
+    here = wanted.model.load()
+    worker = replace(spec, model_sha256=here.model.sha256).build(here)
+    with (
+        WorkerProcesses(spec, 1, 1, worker) as processes,
+        pytest.raises(ModelError, match="began with"),
+    ):
         processes.work(())
 
 
-def test_a_signal_to_the_whole_group_lets_running_images_finish(cli: Cli, folder: Path) -> None:
+def test_processes_stop_with_the_session(folder: Path) -> None:
+    loader = SessionLoader(write_model(folder / "endless", endless_onnx()), "cpu")
+    session = loader.load()
+    batch = Batch(replace(in_processes(folder), model=loader), session)
+    threading.Timer(2, session.stop).start()
+    with pytest.raises(ModelError):
+        next(batch)
+    assert not multiprocessing.active_children()
+
+
+def test_a_signal_to_the_whole_group_is_no_error(cli: Cli, folder: Path) -> None:
     """Slurm and systemd send it to all processes of a job."""
     model = request(folder).model.model
     assert model

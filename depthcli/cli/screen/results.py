@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthRange
-from depthcli.errors import SIGNAL_BASE, ModelError, UsageError, about
+from depthcli.errors import SIGNAL_BASE, EngineError, ModelError, UsageError, about
 from depthcli.io.depth.metadata import camera_text
 from depthcli.io.listing.folder import skip_summary
 from depthcli.jobs.predict import PictureResult
@@ -71,8 +71,8 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
                 stage.note = f"{len(tally.failures)} failed" if tally.failures else ""
                 (stage.skip if result.is_kept else stage)(1)
                 stop.check()
-    except ModelError:
-        stop.check()  # the network was stopped
+    except (EngineError, ModelError):
+        stop.check()  # the network or its process was stopped
         raise
     except UsageError:
         resumes = False

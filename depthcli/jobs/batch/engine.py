@@ -61,7 +61,6 @@ class LocalEngine:
     ) -> Generator[BatchResult, None, None]:
         """Process images, then videos one after another."""
         worker = spec.build(self.session)
-        is_alone = self.processes == 1
 
         def work(chunk: Sequence[BatchTask]) -> list[BatchResult]:
             results = images.work(chunk)
@@ -71,8 +70,8 @@ class LocalEngine:
         ahead = _CHUNKS_AHEAD * self.workers
         with (
             nullcontext(worker)
-            if is_alone
-            else WorkerProcesses(spec, self.workers, self.processes) as images,
+            if self.processes == 1
+            else WorkerProcesses(spec, self.workers, self.processes, worker) as images,
             one_thread_each(self.workers),
             closing(ordered_map(work, chunks, workers=self.workers, ahead=ahead)) as done,
         ):
@@ -101,8 +100,11 @@ class WorkerProcesses:
     time in a process, so that each thread would need a model of its own.
     """
 
-    def __init__(self, spec: WorkerSpec, workers: int, count: int) -> None:
-        """Start ``count`` processes with as many threads in all as there are workers."""
+    def __init__(self, spec: WorkerSpec, workers: int, count: int, here: ImageWorker) -> None:
+        """Start ``count`` processes with as many threads in all as there are workers.
+
+        They stop when the session of the worker of this process is stopped.
+        """
         context = multiprocessing.get_context("spawn")  # a fork would copy locks held by threads
         self._free: SimpleQueue[Connection] = SimpleQueue()
         self._processes = []
@@ -116,6 +118,7 @@ class WorkerProcesses:
                 end.close()  # so that the other end tells when the process has ended
             for end, _ in pipes:
                 self._free.put(end)
+        here.pipeline.session.on_stop = self._stop
 
     def __enter__(self) -> Self:
         """The processes."""
@@ -127,6 +130,10 @@ class WorkerProcesses:
             self._free.get().close()
         for process in self._processes:
             process.join()
+
+    def _stop(self) -> None:
+        for process in self._processes:
+            process.terminate()
 
     def work(self, chunk: Sequence[BatchTask]) -> list[BatchResult]:
         """Process some images, as :meth:`ImageWorker.work` does, by a process that is free.
@@ -152,8 +159,9 @@ class WorkerProcesses:
 
 def _serve(spec: WorkerSpec, ends: Sequence[Connection]) -> None:
     start_worker()
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # Slurm and systemd signal the whole group
     loading = Background(spec.build)
+    # Not the end of the process: Slurm and systemd signal the whole group.
+    signal.signal(signal.SIGTERM, lambda *_: loading.result().pipeline.session.stop())
     threads = [Thread(target=_answer, args=(end, loading)) for end in ends]
     with one_thread_each(len(threads)):
         for thread in threads:
