@@ -142,7 +142,8 @@ def open_video(
         stream = streams[stream_number] if stream_number is not None else _longest(streams)
         is_image = container.format.name == "jpeg_pipe" and _is_image(source)
         if stream is not None and stream.codec_context is not None and not is_image:
-            stream.thread_type = "AUTO"
+            # Frame threads fill in damage by whatever memory holds, differently in each run.
+            stream.thread_type = "SLICE"
             return container, stream
     except (av.FFmpegError, ValueError):
         pass  # reported below

@@ -18,6 +18,7 @@ from urllib.parse import urlencode, urlsplit
 import cv2
 import numpy as np
 import pytest
+from helpers.bad_pictures import JPEGS
 from helpers.command_line import Cli, unmeasured
 from helpers.tiny import synthetic_picture
 
@@ -91,6 +92,18 @@ def test_answers_the_bytes_and_facts_of_predict(cli: Cli, inside: Cli) -> None:
     assert facts == {name: wanted[name] for name in facts}
     assert float(headers["Depth-Median"]) == wanted["median"]
     assert (headers["Depth-Unit"], headers["Content-Type"]) == ("m", "image/png")
+
+
+def test_no_answer_holds_pixels_of_another_client(cli: Cli) -> None:
+    """A JPEG cut within a table returned the image before as the texture of a mesh."""
+    jpeg = JPEGS["progressive"]
+    table = jpeg.index(b"\xff\xc4", jpeg.index(b"\xff\xda"))
+    cuts = [jpeg[:length] for length in (*range(table + 5, table + 25), *range(300, len(jpeg), 97))]
+    with serving(cli, "--workers", "1") as server:
+        for cut in cuts:
+            for format_ in ("glb", "ply"):
+                assert server.predict(jpeg, format=format_).status == 200
+                assert server.predict(cut, format=format_).status == 422
 
 
 def test_accepts_a_form_and_anchors(cli: Cli) -> None:

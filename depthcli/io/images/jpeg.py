@@ -22,13 +22,12 @@ _FILLED_MARKER = re.compile(rb"\xff+([^\xff])", re.DOTALL)  # fill, however long
 _MULTI_PICTURE, _MP_ENTRIES, _DISPARITY = b"MPF\0", 0xB002, 0x020002
 _OTHER_EYE = Message("holds an image for each eye, and the first is used", "{eye} chooses one")
 _COLOURS = {1: "GRAY", 4: "CMYK"}  # by the number of components; others are decoded to RGB
-# After such messages of libjpeg pixels are made up. Other warnings are harmless, above all that of
-# extraneous bytes before the end (0xd9), which some cameras write.
-_DATA_LOSS = re.compile(
-    r"premature end|bad Huffman code|bad arithmetic code|instead of RST"
-    r"|extraneous bytes before marker 0x(?:c4|da|d[0-7])",
-    re.IGNORECASE,
-)
+# What libjpeg says of flaws that cost no pixel; anything else that it says is damage.
+_PADDED = re.compile(r"(\d+) extraneous bytes before marker 0xd9")  # of some cameras and scanners
+_SPECTRAL = "Invalid SOS parameters for sequential JPEG"  # phones of Samsung (OpenImageIO #2837)
+_REVISION = "unknown JFIF revision number"
+_JFIF = b"JFIF\0"
+_WHOLE_SPECTRUM = bytes((0, 63, 0))
 
 
 def jpeg_header(data: bytes) -> Header:
@@ -71,18 +70,45 @@ def exif_of_jpeg(data: bytes) -> bytes:
 def decode_jpeg(data: bytes) -> Decoded:
     """Pixels of a JPEG; gray stays gray, and CMYK becomes RGB as in OpenCV."""
     colours = _COLOURS.get(_frame(data)[2], "RGB")
-    exif = exif_of_jpeg(data)
+    try:
+        pixels = _decode_strictly(data, colours)
+    except ValueError as error:
+        if "subsampling" not in str(error):
+            raise InputError(f"is damaged ({error})", "copy it again") from error
+        return decode_with_opencv(data)  # TurboJPEG has no name for it (zune-image #276)
+    if colours == "CMYK":
+        pixels = _rgb_of_inverted_cmyk(pixels)
+    return Decoded(pixels[..., 0] if colours == "GRAY" else pixels, exif_of_jpeg(data))
+
+
+def _decode_strictly(data: bytes, colours: str) -> UInt8Array:
+    """Pixels of a JPEG about which libjpeg says nothing, or nothing but a harmless flaw.
+
+    The flaw is mended and the file decoded again, because the first warning hides all others, and
+    after an error the array is whatever memory held. ValueError with the message otherwise.
+    """
     try:
         pixels: UInt8Array = simplejpeg.decode_jpeg(data, colours)
     except ValueError as error:
-        if "subsampling" in str(error):  # TurboJPEG has no name for it
-            return decode_with_opencv(data)
-        if _DATA_LOSS.search(str(error)):
-            raise InputError(f"is damaged ({error})", "copy it again") from error
-        pixels = simplejpeg.decode_jpeg(data, colours, strict=False)
-    if colours == "CMYK":
-        pixels = _rgb_of_inverted_cmyk(pixels)
-    return Decoded(pixels[..., 0] if colours == "GRAY" else pixels, exif)
+        mended = _without_flaw(data, str(error))
+        if mended == data:
+            raise
+        pixels = simplejpeg.decode_jpeg(mended, colours)
+    return pixels
+
+
+def _without_flaw(data: bytes, message: str) -> bytes:
+    """A file without the harmless flaw of a message; unchanged if the message tells of damage."""
+    scan = max((end for marker, _, end in _spans(data) if marker == _SCAN), default=len(data))
+    if padding := _PADDED.search(message):
+        end = data.find(b"\xff\xd9", scan)
+        return data[: end - int(padding[1])] + data[end:]
+    if _SPECTRAL in message:
+        return data[: scan - len(_WHOLE_SPECTRUM)] + _WHOLE_SPECTRUM + data[scan:]
+    if _REVISION in message:
+        version = data.find(_JFIF) + len(_JFIF)
+        return data[:version] + b"\1\1" + data[version + 2 :]
+    return data
 
 
 def _rgb_of_inverted_cmyk(cmyk: UInt8Array) -> UInt8Array:
@@ -102,10 +128,17 @@ def _frame(data: bytes) -> tuple[int, int, int]:
 
 def segments(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Marker and content of each segment before the pixels, up to the first invalid one."""
-    at = len(JPEG_START)
-    while (found := _FILLED_MARKER.match(data, at)) and found[1][0] != _SCAN:
-        at = found.end()
-        if found[1][0] not in _STANDALONE:
-            length = int.from_bytes(data[at : at + 2], "big")
-            yield found[1][0], data[at + 2 : at + length]
-            at += length
+    for marker, start, end in _spans(data):
+        if marker != _SCAN:
+            yield marker, data[start + 2 : end]
+
+
+def _spans(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Marker, start and end of each segment, its length included, up to the first scan's header."""
+    end, marker = len(JPEG_START), None
+    while marker != _SCAN and (found := _FILLED_MARKER.match(data, end)):
+        marker, start = found[1][0], found.end()
+        end = start
+        if marker not in _STANDALONE:
+            end += int.from_bytes(data[start : start + 2], "big")
+            yield marker, start, end

@@ -6,6 +6,7 @@ Every container is a row of one table: how it is recognized, read and decoded.
 import os
 import re
 import struct
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -51,7 +52,7 @@ _LIGHT = Message(
 )
 _DAMAGE = (  # what decoders raise about it, those of HEIF whatever Python has
     *(cv2.error, struct.error, ValueError, LookupError, MemoryError),
-    *(EOFError, OSError, RuntimeError, SyntaxError),
+    *(EOFError, OSError, RuntimeError, SyntaxError, zlib.error),
 )
 _GPANO = re.compile(rb"GPano:(\w+)\W{1,4}(\w+)")
 
@@ -60,7 +61,10 @@ class _Container(NamedTuple):
     """A kind of image files, whose functions are imported when they are called.
 
     They are called ``is_KIND``, ``KIND_header`` and ``decode_KIND``, and raise InputError, without
-    the name of the file, and what the decoder raises about damaged ones.
+    the name of the file, and what the decoder raises about damaged ones. ``decode_KIND`` returns
+    no pixel that its decoder did not write: what this reports after the header is damage, except
+    for texts known to be harmless, and where it reports nothing, the file is checked before. A
+    test damages files of each kind (docs/decisions/008-headers-of-images.md).
     """
 
     kind: str

@@ -2,6 +2,7 @@
 
 import math
 import struct
+import zlib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from numbers import Real
@@ -190,10 +191,11 @@ def _light_at_half(profile: bytes) -> float | None:
 _SUBFILE_TYPE, _REDUCED, _REDUCED_OR_MASK, _SUB_DIRECTORIES = 254, 0b1, 0b101, 330
 _WIDTH, _HEIGHT, _BITS, _COMPRESSION = 256, 257, 258, 259
 _PHOTOMETRIC, _SAMPLES, _PLANES, _EXTRA_SAMPLES, _FORMATS = 262, 277, 284, 338, 339
-_TILE_WIDTH, _TILE_HEIGHT, _LEAST_TILE_BYTES = 322, 323, 1024
+_ROWS_PER_STRIP, _TILE_WIDTH, _TILE_HEIGHT, _LEAST_TILE_BYTES = 278, 322, 323, 1024
 _TAGS = (
     *(_SUBFILE_TYPE, _SUB_DIRECTORIES, _WIDTH, _HEIGHT, _BITS, _COMPRESSION),
-    *(_PHOTOMETRIC, _SAMPLES, _PLANES, _EXTRA_SAMPLES, _FORMATS, _TILE_WIDTH, _TILE_HEIGHT),
+    *(_PHOTOMETRIC, _SAMPLES, _PLANES, _EXTRA_SAMPLES, _FORMATS),
+    *(_ROWS_PER_STRIP, _TILE_WIDTH, _TILE_HEIGHT),
 )
 _ASSOCIATED, _UNASSOCIATED = 1, 2  # alpha: whether colours are multiplied by it
 _EIGHT, _SIXTEEN, _MAX_CHANNELS = 8, 16, 4
@@ -201,8 +203,11 @@ _EIGHT, _SIXTEEN, _MAX_CHANNELS = 8, 16, 4
 _COMPRESSIONS_OF_OPENCV = frozenset(
     {1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946, 34676, 34677, 34887, 34925, 50000, 50001}
 )
-_UNCOMPRESSED = 1
+_UNCOMPRESSED, _DEFLATE = 1, (8, 32946)
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PLANAR, _FLOAT = 0, 1, 2, 2, 3
+_SUBSAMPLED, _CHANNELS = 6, {_RGB: 3, 5: 4, 6: 3}  # by photometric interpretation, at least
+_STRIPS, _TILES = (273, 279), (324, 325)  # offsets and bytes of each
+_MISSING = InputError("is damaged (strips or tiles of the TIFF are missing)", "copy it again")
 
 
 def tiff_header(data: bytes) -> Header:
@@ -230,6 +235,7 @@ def decode_tiff(data: bytes) -> Decoded:
     tags = _first_directory(data)
     if _not_for_opencv(tags):
         return decode_openimageio(data)
+    _check_content(data, tags)
     has_alpha = tags.get(_EXTRA_SAMPLES) in (_ASSOCIATED, _UNASSOCIATED)
     found = decode_with_opencv(_with_colours_as_stored(data), has_alpha=has_alpha)
     return found._replace(exif=data)
@@ -265,6 +271,40 @@ def _not_for_opencv(tags: Mapping[int, int]) -> str | None:
     if photometric == _BLACK_IS_ZERO and not is_for_gray:
         return f"has gray in {channels} channels and more than 8 bits"
     return None
+
+
+def _check_content(data: bytes, tags: Mapping[int, int]) -> None:
+    """Check that a file holds all that its tags state, as OpenCV decodes it with zeros otherwise.
+
+    It passes over libtiff's errors in images of 8 bits, so Deflate is decompressed here as well.
+    """
+    channels, photometric = tags.get(_SAMPLES, 1), tags.get(_PHOTOMETRIC, _BLACK_IS_ZERO)
+    if channels < _CHANNELS.get(photometric, 1):
+        raise InputError(f"is damaged (colours in {channels} channels)", "copy it again")
+    width, height = tags[_WIDTH], tags[_HEIGHT]
+    across, down = tags.get(_TILE_WIDTH, width), tags.get(_TILE_HEIGHT)
+    names = _STRIPS if down is None else _TILES
+    down = down or min(tags.get(_ROWS_PER_STRIP, height), height)
+    planes = channels if tags.get(_PLANES) == _PLANAR else 1
+    found = dict(read_tags(data, names))
+    offsets, sizes = (found.get(name, ()) for name in names)
+    rows = -(-height // max(1, down))
+    count = rows * -(-width // max(1, across)) * planes
+    coding, bits = tags.get(_COMPRESSION, 1), tags.get(_BITS, 1)
+    if coding == _UNCOMPRESSED and not sizes:  # of programs of the nineties
+        sizes = (0,) * count
+    if not 0 < count <= min(len(offsets), len(sizes)):
+        raise _MISSING
+    row_bytes = 0 if photometric == _SUBSAMPLED else -(-across * channels // planes * bits // 8)
+    for at, (offset, size) in enumerate(zip(offsets[:count], sizes, strict=False)):
+        is_last = names is _STRIPS and at % rows == rows - 1
+        needed = row_bytes * (height - down * (rows - 1) if is_last else down)
+        least = needed if coding == _UNCOMPRESSED else max(size, 1)
+        part = data[offset : offset + least]
+        if len(part) == least and coding in _DEFLATE and bits <= _EIGHT:
+            least, part = needed, zlib.decompressobj().decompress(part, row_bytes * down + 1)
+        if len(part) < least:
+            raise _MISSING
 
 
 def _with_colours_as_stored(data: bytes) -> bytes:
