@@ -28,14 +28,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not sys.warnoptions:  # libraries' warnings are for developers
         warnings.simplefilter("ignore")
     open_streams()
+    message = ""
     try:
         code = _run(sys.argv[1:], is_process=True)
     except OSError as error:
-        sys.stderr.write(f"depthcli: error: cannot write standard output: {error.strerror}\n")
+        message = f"depthcli: error: cannot write standard output: {error.strerror}\n"
         code = 1
+    try:
+        sys.stderr.write(message)
+        sys.stderr.flush()
+    except OSError:  # it is closed or full; the exit code says what happened
+        pass
     # Without clean-up of the interpreter: to unload onnxruntime and OpenCV takes longer than to
-    # read a picture, and would crash a thread that still loads a model.
-    sys.stderr.flush()
+    # read an image, and would crash a thread that still loads a model.
     os._exit(code)
 
 

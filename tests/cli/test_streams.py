@@ -54,6 +54,24 @@ def test_results_that_stdout_does_not_take_are_an_error(cli: Cli, words: str, st
     assert (cli.folder / "out" / "manifest.jsonl").exists() == words.startswith("batch")
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no /dev/full")
+@pytest.mark.parametrize("stream", ["2>&-", "2>/dev/full"])
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [("predict none.png", 1), ("none", 2), ("predict a.png -o a.ply --overwrite", 0)],
+)
+def test_the_exit_code_does_not_depend_on_standard_error(
+    cli: Cli, words: str, code: int, stream: str
+) -> None:
+    """The last warns. It was 120 or 134, as Python cleaned up while the model loaded."""
+    write_picture(cli.folder / "a.png")
+    line = f"{shlex.join(cli.command(*words.split()))} {stream}"
+    done = subprocess.run(
+        ["bash", "-c", line], cwd=cli.folder, env=cli.environment, check=False, timeout=60
+    )
+    assert done.returncode == code
+
+
 @pytest.mark.parametrize("words", ["-o -", "-o out/ --json"])
 def test_a_disk_that_gets_full_is_an_error_without_buffers(cli: Cli, words: str) -> None:
     """Containers set PYTHONUNBUFFERED, where Python lost the rest (python/cpython#86210)."""

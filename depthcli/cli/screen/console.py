@@ -103,8 +103,12 @@ def _write_line(stream: TextIO, text: str) -> None:
     text = text.encode(encoding, "backslashreplace").decode(encoding)
     if shown:
         shown.print(text, markup=False, highlight=False, emoji=False, soft_wrap=True)
-    else:
+        return
+    try:
         stream.write(text + "\n")
+    except OSError:
+        if stream is not sys.stderr:  # closed or full; the exit code says what happened
+            raise
 
 
 def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
