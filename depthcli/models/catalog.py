@@ -12,7 +12,14 @@ from typing import Any, NamedTuple
 from depthcli.core.options import short_repr
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import ModelError, UsageError, os_errors_as
-from depthcli.io.storage.paths import RemotePath, data_folder, path_of, read_regular, safe_name
+from depthcli.io.storage.paths import (
+    RemotePath,
+    data_folder,
+    path_of,
+    read_regular,
+    regular_size,
+    safe_name,
+)
 from depthcli.models.card import METADATA_KEY, ModelCard
 from depthcli.models.onnx_file import OnnxFacts, read_facts
 
@@ -199,10 +206,11 @@ def read_model(location: ModelLocation) -> Model:
 
 def checksum(path: Path) -> tuple[int, str]:
     """Size and SHA-256 of a local model file, which may be larger than the memory."""
+    with os_errors_as(ModelError, f"cannot read {path}"):
+        size = regular_size(path)
+    if size > MAX_BYTES:
+        raise ModelError(f"{path} is larger than a model can be")
     with os_errors_as(ModelError, f"cannot read {path}"), path.open("rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        if size > MAX_BYTES:
-            raise ModelError(f"{path} is larger than a model can be")
         return size, hashlib.file_digest(file, "sha256").hexdigest()
 
 

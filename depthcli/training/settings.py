@@ -8,12 +8,15 @@ from typing import Any
 
 from depthcli.core.options import short_repr
 from depthcli.errors import UsageError
+from depthcli.io.storage.paths import read_regular
 from depthcli.training.checkpoint import CHECKPOINT, saved_checkpoint
 from depthcli.training.config import TrainConfig, check_config, updated
 from depthcli.training.init_weights import settings_of
 from depthcli.training.methods.registry import check_terms, default_config
 from depthcli.training.presets import preset_file
 from depthcli.training.provenance import config_differences, mismatch_error
+
+_MAX_BYTES = 2**20
 
 
 def resolve_config(
@@ -58,7 +61,7 @@ def apply_overrides(
     """Apply TOML files, then ``a.b=c`` settings, to a base configuration."""
     for file in files:
         try:
-            base = updated(base, tomllib.loads(file.read_text("utf-8")))
+            base = updated(base, tomllib.loads(read_regular(file, _MAX_BYTES).decode()))
         except OSError as error:
             raise UsageError(f"cannot read the configuration {file}: {error.strerror}") from None
         except (ValueError, UsageError) as error:

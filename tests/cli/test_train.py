@@ -99,6 +99,7 @@ def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> Non
         (("proposed", "--set", "optim.speed=1"), "optim.speed is unknown"),
         (("cut", "--set", "method=proposed", "--data", "data"), "of method proposed, not cut"),
         (("proposed", "--config", "none.toml"), "none.toml"),
+        (("proposed", "--config", "/dev/zero"), "/dev/zero"),
         (("proposed", "--data", "data", "--accelerator", "abacus"), "abacus"),
         (("proposed", "--data", "data", "--accelerator", "cuda"), "cuda"),
         (("proposed", "--data", "data", "--max-minutes", "-1"), "--max-minutes"),

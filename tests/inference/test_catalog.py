@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from pathlib import Path
 
 import onnx
@@ -173,3 +174,12 @@ def test_a_card_without_its_file_is_refused(model_folder: Path) -> None:
     (model_folder / "model.onnx").unlink()
     with pytest.raises(ModelError):
         catalog.find_model(model_folder)
+
+
+def test_a_pipe_or_a_device_is_not_waited_for(model_folder: Path) -> None:
+    file = model_folder / "model.onnx"
+    for make in (os.mkfifo, lambda path: path.symlink_to("/dev/zero")):
+        file.unlink()
+        make(file)
+        with pytest.raises(ModelError, match="pipe or a device"):
+            catalog.find_model(model_folder)
