@@ -1,7 +1,8 @@
 """Time of predictions with known depth, one image of 640×480 at a time, on one thread.
 
 Figure of merit: median time of a prediction by ``prompted``, without reading and writing, and its
-ratio to that of ``default`` without known depth. They take turns, on rendered rooms.
+ratio to that of ``default`` without known depth. They take turns, on views of
+docs/room.jpg, whose known depth is drawn from the estimate of ``default``.
 Run: ``python benchmarks/known_depth_time.py [PATTERN ...] [--rounds N]``, with patterns of ``eval
 --prompt``
 """
@@ -11,22 +12,22 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import cv2
 import numpy as np
-from tools import Timing, alternate
+from tools import Timing, alternate, write_pictures
 
 import depthcli
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.types import Frame
+from depthcli.core.types import DepthMap, Frame
 from depthcli.datasets.prompts import Prompt, parsed_prompt
-from depthcli.datasets.rooms.render import TYPICAL_HFOV_DEG, Pair, RoomSettings, render_pair
 
 PATTERNS = ["uniform:100", "uniform:500", "uniform:3000", "camera:64", "lidar:4"]
-SETTINGS = RoomSettings(size=(640, 480), hfov_deg=(TYPICAL_HFOV_DEG, TYPICAL_HFOV_DEG))
-ROOMS = 4
+IMAGES = 4
 
 
 def main() -> None:
@@ -36,15 +37,19 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=10)
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    rooms = [render_pair(SETTINGS, i) for i in range(ROOMS)]
-    frames = [Frame(room.rgb) for room in rooms]
-    jobs = {"default, none": _runs("default", frames, [None] * ROOMS)}
+    with TemporaryDirectory() as folder:
+        frames = [depthcli.read_image(path) for path in write_pictures(Path(folder), IMAGES)]
+    default = depthcli.load_model("default", provider="cpu", threads=1).pipeline
+    maps = [default.predict(frame).depth for frame in frames]
+    jobs = {"default, none": _runs("default", frames, [None] * IMAGES)}
     for pattern in options.patterns:
         prompt = parsed_prompt(pattern)
-        points = [_points(prompt, room, i) for i, room in enumerate(rooms)]
+        points = [
+            _points(prompt, *pair, i) for i, pair in enumerate(zip(frames, maps, strict=True))
+        ]
         jobs[f"prompted, {pattern}"] = _runs("prompted", frames, points)
     measured = [
-        Timing(tuple(seconds / ROOMS for seconds in timing.seconds))
+        Timing(tuple(seconds / IMAGES for seconds in timing.seconds))
         for timing in alternate(list(jobs.values()), options.rounds)
     ]
     for name, timing in zip(jobs, measured, strict=True):
@@ -52,9 +57,9 @@ def main() -> None:
         print(f"{name:24} {timing}   {ratio:.2f} of the first")
 
 
-def _points(prompt: Prompt, room: Pair, seed: int) -> AnchorPoints:
-    gray = room.rgb.max(2).astype(np.float32)
-    return AnchorPoints.of_map(prompt.draw(room.depth_m, gray, np.random.default_rng(seed)))
+def _points(prompt: Prompt, frame: Frame, depth: DepthMap, seed: int) -> AnchorPoints:
+    gray = frame.pixels.max(2).astype(np.float32)
+    return AnchorPoints.of_map(prompt.draw(depth.values, gray, np.random.default_rng(seed)))
 
 
 def _runs(

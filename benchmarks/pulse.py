@@ -1,16 +1,17 @@
 """How much depth pulses in videos with known motion, and whether smoothing blurs its edges.
 
-Each sequence has 40 frames of 320×240 at 30 a second: a hand-held camera turns, advances, moves
-sideways or zooms in a rendered room; or the frame slides over, or zooms into, a photograph of NYU
-Depth v2. The motion is known exactly, so a pixel's place in the frame before is, too.
+Each sequence has 40 frames of 320×240 at 30 a second: crops that slide over, or zoom into, an image
+of pairs that no model was trained on, with the jitter of a hand. The motion is known exactly, so a
+pixel's place in the frame before is, too.
 
 ``temporal error``: mean of |(d_t(x) ÷ d_{t-1}(w(x))) ÷ (z_t(x) ÷ z_{t-1}(w(x))) - 1|, d the
 predicted and z the true depth, w(x) where the point at x was in the frame before: the relative
 change of depth from frame to frame that is not true. Points that were hidden or outside do not
 count. ``abs_rel`` and ``edge F1`` are means over all and over every fourth frame. ``fast`` pans
-4 pixels a frame over photographs, ``hand`` holds the camera.
+4 pixels a frame, ``hand`` holds the camera.
 
-Run: ``python benchmarks/pulse.py [--nyu NYU] [--model default] [--rooms 8] [--photographs 10]``
+Run: ``python benchmarks/pulse.py --data PAIRS [--model default] [--images 10]``; of NYU Depth v2,
+they are validation images
 """
 
 from __future__ import annotations
@@ -37,18 +38,9 @@ from depthcli.core.temporal import (
 )
 from depthcli.core.types import Frame
 from depthcli.datasets.base import SplitName
-from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.rooms.render import (
-    PinholeCamera,
-    Renderer,
-    RoomSettings,
-    photograph,
-    place_camera,
-    room_focal_px,
-)
-from depthcli.datasets.rooms.room import make_room
-from depthcli.datasets.rooms.solids import rotation
-from depthcli.evaluation.task import plan_nyu
+from depthcli.datasets.nyu import is_nyu, open_nyu
+from depthcli.datasets.training_data import open_pairs
+from depthcli.evaluation.task import plan_nyu, plan_pairs
 from depthcli.metrics.boundary import boundary_scores
 
 if TYPE_CHECKING:
@@ -56,7 +48,7 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float32]
 COUNT, SIZE, INTERVAL_S, SMOOTH_S = 40, (320, 240), 1 / 30, 0.2
-ZOOM, STEP_M, TURN_DEG, NOISE = 1.006, 0.012, 0.5, 1.5
+ZOOM, NOISE = 1.006, 1.5
 SAME_SURFACE = 0.03  # of depth
 
 
@@ -75,60 +67,10 @@ def noisy(rgb: npt.NDArray[Any], random: np.random.Generator) -> npt.NDArray[np.
     return np.clip(np.rint(rgb + noise), 0, 255).astype(np.uint8)
 
 
-def room_sequence(number: int, motion: str) -> Made:
-    """A camera moving in a rendered room."""
-    settings = RoomSettings(7, SIZE, (63.0, 63.0))
-    random = np.random.default_rng([settings.seed, number, 1])
-    room = make_room(random)
-    solids = room.solids
-    camera = place_camera(random, room, solids, room_focal_px(settings, number), SIZE)
-    random = np.random.default_rng(number)
-    cameras = [*moved(camera, motion, random)]
-    rgb, depth_m = [], []
-    for i, one in enumerate(cameras):
-        bits = np.random.PCG64(number)
-        renderer = Renderer(room, solids, one, np.random.Generator(bits))
-        bits.advance(i << 40)  # other samples of the light, on the same textures
-        view = renderer.view()
-        rgb.append(noisy(photograph(view.light, np.random.default_rng(number)), random))
-        depth_m.append(view.depth_m)
-    pairs = zip(cameras[1:], cameras, depth_m[1:], strict=False)
-    return Made(rgb, depth_m, [seen_before(*pair) for pair in pairs])
-
-
-def moved(
-    camera: PinholeCamera, motion: str, random: np.random.Generator
-) -> Iterator[PinholeCamera]:
-    """The cameras of a sequence, with the jitter of a hand."""
-    hand_deg = np.zeros(2)
-    sideways, _, ahead = camera.orientation.T
-    for i in range(COUNT):
-        hand_deg = 0.7 * hand_deg + random.normal(0, 0.06, 2)
-        yaw_deg = hand_deg[0] + (TURN_DEG * i if motion == "pan" else 0)
-        turn = rotation(yaw_deg, 1) @ rotation(hand_deg[1], 0)
-        way_m = {"dolly": ahead, "truck": sideways}.get(motion, 0 * ahead) * STEP_M * i
-        x, y, z = np.add(camera.eye, way_m)
-        yield camera._replace(
-            eye=(float(x), float(y), float(z)),
-            orientation=(camera.orientation @ turn).astype(np.float32),
-            focal_px=camera.focal_px * (ZOOM**i if motion == "zoom" else 1),
-        )
-
-
-def seen_before(now: PinholeCamera, before: PinholeCamera, depth_m: Floats) -> Floats:
-    """Column, row and depth of each pixel's point for the camera before, (3, H, W)."""
-    points = now.origin + now.rays() * depth_m.ravel()
-    x, y, z = before.orientation.T @ (points - before.origin)
-    z = np.maximum(z, 1e-6)
-    columns = x / z * before.focal_px + before.width / 2 - 0.5
-    rows = -y / z * before.focal_px + before.height / 2 - 0.5
-    return np.stack([columns, rows, z]).reshape(3, *depth_m.shape).astype(np.float32)
-
-
-def photograph_sequence(
+def sequence(
     rgb: npt.NDArray[np.uint8], depth_m: Floats, step_px: float, zoom: float, seed: int
 ) -> Made:
-    """A frame sliding over a photograph, or zooming into it; depth moves along."""
+    """Crops that slide over an image, or zoom into it; depth moves along."""
     random = np.random.default_rng(seed)
     height, width = rgb.shape[:2]
     scale = 0.8 * width / SIZE[0]
@@ -217,38 +159,35 @@ METHODS: dict[str, Callable[[list[Floats], Made], list[Floats]]] = {
 }
 
 
-def sequences(rooms: int, nyu: Path | None, photographs: int) -> Iterator[tuple[str, Made]]:
+def sequences(data: Path, images: int) -> Iterator[tuple[str, Made]]:
     """Each sequence with its kind."""
-    for number in range(rooms):
-        motion = ("pan", "dolly", "truck", "zoom")[number % 4]
-        yield "rooms", room_sequence(number, motion)
-    if nyu is None:
-        return
-    task = plan_nyu(open_nyu(nyu), SplitName.VAL, photographs)
+    if is_nyu(data):
+        task = plan_nyu(open_nyu(data), SplitName.VAL, images)
+    else:
+        task = plan_pairs(open_pairs(data), data.name, images)
     for number, i in enumerate(task.test):
-        picture = task.dataset.image(i), task.dataset.depth_m(i)
+        pair = task.dataset.image(i), task.dataset.depth_m(i)
         zoom = ZOOM if number % 3 == 2 else 1
         step_px = 1.5 if zoom == 1 else 0
-        yield "photographs", photograph_sequence(*picture, step_px, zoom, number)
+        yield "photographs", sequence(*pair, step_px, zoom, number)
         if number % 3 == 0:
-            yield "fast", photograph_sequence(*picture, 4, 1, number)
-            yield "hand", photograph_sequence(*picture, 0, 1, number)
+            yield "fast", sequence(*pair, 4, 1, number)
+            yield "hand", sequence(*pair, 0, 1, number)
 
 
 def main() -> None:
     """Print the mean of each kind of sequence, and the time that smoothing takes."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--nyu", type=Path)
+    parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--model", default="default")
-    parser.add_argument("--rooms", type=int, default=8)
-    parser.add_argument("--photographs", type=int, default=10)
+    parser.add_argument("--images", type=int, default=10)
     options = parser.parse_args()
     cv2.setNumThreads(1)
     pipeline = depthcli.load_model(options.model, threads=1).pipeline
     found: dict[tuple[str, str], list[tuple[float, float, float]]] = defaultdict(list)
     seconds: dict[str, float] = defaultdict(float)
     frames = 0
-    for kind, made in sequences(options.rooms, options.nyu, options.photographs):
+    for kind, made in sequences(options.data, options.images):
         logs = [np.log(pipeline.predict(Frame(pixels)).depth.values) for pixels in made.rgb]
         frames += len(logs)
         for name, method in METHODS.items():

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from depthcli.cli import options as groups
 from depthcli.core import options as choices
-from depthcli.core.camera import DEPTH_M, HFOV_DEG, UNKNOWN_CAMERA, Anchor, Intrinsics
+from depthcli.core.camera import DEPTH_M, UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.options import ReadOptions, UpsamplingOptions, short_repr
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
@@ -291,19 +291,6 @@ def fps(word: str, option: str = "fps") -> Fraction:
         problem = f"{short_repr(word)} is not a frame rate such as 24, 23.976 or 24000/1001"
         raise UsageError(problem, option=option)
     return found
-
-
-def hfov_range(word: str) -> tuple[float, float]:
-    """Parse degrees such as ``30-110`` or ``63.3``; UsageError if not so, or out of range."""
-    low, dash, high = word.partition("-")
-    try:
-        angles = float(low), float(high if dash else low)
-    except ValueError:
-        angles = math.nan, math.nan
-    if not (angles[0] <= angles[1] and all(map(HFOV_DEG.holds, angles))):
-        problem = f"{short_repr(word)} is not LOW-HIGH, each {HFOV_DEG.what}, for example 50-80"
-        raise UsageError(problem, option="hfov")
-    return angles
 
 
 def listed(words: Sequence[str] | None) -> tuple[str, ...]:

@@ -18,7 +18,6 @@ COMMANDS = {
     "probe": ("probe:probe", "Show the depth at pixels, in boxes or masks of a depth file."),
     "calibrate": ("calibrate:calibrate", "Measure the scale of a camera, once, and keep it."),
     "eval": ("eval:COMMANDS", "Measure accuracy on NYU Depth v2 or your pairs."),
-    "render": ("render:COMMANDS", "Render rooms with exact depth as training data."),
     "train": ("train:train", "Train a model; can be resumed."),
     "export-onnx": ("export:export_onnx", "Export a checkpoint to ONNX with a model card."),
     "bench": ("bench:bench", "Benchmark a model: latency, throughput, memory."),

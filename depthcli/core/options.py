@@ -115,13 +115,6 @@ class DepthEncoding(StrEnum):
     DISPARITY = "disparity"  #: displacement between rectified images in pixels; needs a baseline
 
 
-class Sensor(StrEnum):
-    """Sensor that measures the depth of rendered rooms."""
-
-    NONE = "none"  #: it is exact
-    KINECT = "kinect"  #: with the noise and the holes of a structured-light sensor
-
-
 class Crop(StrEnum):
     """The part of the frame that is evaluated."""
 

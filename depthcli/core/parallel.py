@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import signal
-import sys
 import threading
 from collections import deque
 from contextlib import contextmanager
@@ -54,23 +53,6 @@ def ordered_map(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def process_map(
-    function: Callable[[_Item], _Result], items: Iterable[_Item], *, workers: int
-) -> Generator[_Result, None, None]:
-    """``map`` by processes, for a function, items and results that can be pickled."""
-    if workers <= 1:
-        yield from map(function, items)
-        return
-    import multiprocessing  # noqa: PLC0415 - only training data and renderings need it
-    from concurrent.futures import ProcessPoolExecutor  # noqa: PLC0415
-
-    # A signal ends this process at once; the resource tracker then warns of the pool's semaphores.
-    sys.warnoptions.append("ignore:resource_tracker:UserWarning")
-    context = multiprocessing.get_context("spawn")  # a fork would copy locks held by threads
-    with ProcessPoolExecutor(workers, context, initializer=start_worker) as pool:
-        yield from pool.map(function, items)
-
-
 def start_worker() -> None:
     """Let a worker process ignore Ctrl-C, and end with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process ends its workers
@@ -79,7 +61,7 @@ def start_worker() -> None:
 
 def _exit_with_parent() -> None:
     """Exit when the parent was killed; else the worker would wait for work forever."""
-    from multiprocessing import parent_process  # noqa: PLC0415 - as above
+    from multiprocessing import parent_process  # noqa: PLC0415 - only batches need it
 
     parent = parent_process()
     if parent is not None:

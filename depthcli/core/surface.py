@@ -10,7 +10,7 @@ import numpy.typing as npt
 from depthcli.core.arrays import BoolArray, Float32Array, UInt8Array
 from depthcli.core.types import DepthMap, panorama_rays
 
-# Chosen with benchmarks/edge_points.py: of points more than 10 cm off any surface, one in eight
+# Chosen on scenes with exact depth: of points more than 10 cm off any surface, one in eight
 # stays, and of the others, one in a hundred goes.
 _STEEPEST = math.tan(math.radians(82))  # against the image plane
 _TORN = math.tan(math.radians(87))  # of one step, where two such pixels are no ramp

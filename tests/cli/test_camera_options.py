@@ -1,6 +1,5 @@
 """Options of the camera: a table, a calibration."""
 
-import csv
 import json
 from pathlib import Path
 
@@ -11,8 +10,6 @@ from helpers.command_line import Cli
 from helpers.folders import printed, rows, tree
 from helpers.tiny import synthetic_picture, write_model, write_picture
 from helpers.videos import flat_frames, write_video
-
-from depthcli.io.depth.read import read_metadata
 
 
 @pytest.fixture
@@ -47,18 +44,6 @@ def test_the_table_precedes_the_camera_of_a_profile(scene: Cli) -> None:
     assert scene(*words).returncode == 0
     cameras = [row["camera"] for row in rows(scene, "out").values()]
     assert cameras == ["hfov 60.0° (assumed, from the model's card)", "hfov 44.8° (given)"]
-
-
-def test_rendered_rooms_have_their_own_cameras(scene: Cli) -> None:
-    words = ("--out", "rooms", "--count", "2", "--size", "24x16", "--workers", "1")
-    assert scene("render", "rooms", *words).returncode == 0
-    done = scene("batch", "rooms/rgb", "--out", "out", "--cameras", "rooms/cameras.csv")
-    assert (done.returncode, done.stderr) == (0, b"")
-    with (scene.folder / "rooms/cameras.csv").open() as file:
-        for row in csv.DictReader(file):
-            stated = read_metadata(scene.folder / "out" / f"{row['id']}.depth.png")
-            assert float(stated["focal_px"]) == pytest.approx(float(row["focal_px"]), rel=1e-5)
-            assert stated["camera_source"] == "option"
 
 
 CALIBRATION = """image_width: 64

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.core import parallel as cores
-from depthcli.core.parallel import Background, one_thread_each, ordered_map, process_map
+from depthcli.core.parallel import Background, one_thread_each, ordered_map
 from depthcli.core.progress import Interrupt, exit_hook, run_exit_hooks
 
 
@@ -100,10 +100,6 @@ def test_items_not_started_are_dropped_at_an_early_end() -> None:
     threading.Timer(0.05, go_on.set).start()
     results.close()
     assert set(begun) <= {0, 1, 2}
-
-
-def test_one_worker_is_this_process() -> None:
-    assert list(process_map(lambda n: n + 1, [1, 2], workers=1)) == [2, 3]
 
 
 @pytest.mark.parametrize(("workers", "inside"), [(0, 3), (1, 3), (2, 1)])

@@ -8,15 +8,21 @@ import numpy as np
 import pytest
 
 from depthcli.core.camera import Intrinsics
+from depthcli.core.types import Frame
 from depthcli.datasets.base import Pair, SplitName, split_nyu
 from depthcli.datasets.folders import in_view, open_paired_folder
 from depthcli.datasets.layouts import list_pairs
 from depthcli.datasets.nyu import open_nyu
 from depthcli.datasets.training_data import open_training_data
 from depthcli.errors import DatasetError, UsageError
+from depthcli.inference.camera import intrinsics_of, metric_scale
+from depthcli.inference.transforms import input_layout
 from depthcli.io.depth.read import DepthReadOptions
+from depthcli.models.catalog import find_model
 from depthcli.training.config import DataConfig
 from depthcli.training.provenance import train_val_split
+
+ROOT = Path(__file__).parents[2]
 
 
 def _image(root: Path, *names: str, size: tuple[int, int] = (6, 8)) -> None:
@@ -343,3 +349,51 @@ def test_missing_data_is_an_error(tmp_path: Path, *, paired: bool) -> None:
         open_training_data(tmp_path / "none", paired=paired)
     with pytest.raises(DatasetError):
         open_training_data(tmp_path, paired=paired)
+
+
+def test_a_model_that_learns_pairs_of_any_camera_gives_their_metres(tmp_path: Path) -> None:
+    """What it is taught, multiplied as its predictions are, is the depth of the files."""
+    card, random = find_model(ROOT / "models/default").card, np.random.default_rng(0)
+    names = ("a.png", "b.png", "c.png")
+    _image(tmp_path / "rgb", *names, size=(24, 32))
+    (tmp_path / "depth").mkdir()
+    for name in names:
+        depth = random.integers(500, 9000, (24, 32)).astype(np.uint16)
+        assert cv2.imwrite(str(tmp_path / "depth" / name), depth)
+    (tmp_path / "cameras.csv").write_text("id,focal_px\na,15\nb,26\nc,60\n")
+    data, truth = open_training_data(tmp_path, paired=True), open_paired_folder(tmp_path)
+    assert data.hfov_deg == card.camera.hfov_deg
+    for i in range(len(truth)):
+        frame = Frame(truth.image(i))
+        camera = intrinsics_of(card, frame, Intrinsics(truth.focal_px[i]))
+        scale = metric_scale(card, frame, input_layout(card.input, 32, 24), camera)
+        np.testing.assert_allclose(data.dataset.depth_m(i) * scale, truth.depth_m(i), rtol=2e-3)
+    extra = open_training_data(tmp_path, paired=True).with_pseudo_labels(truth).pseudo_labels
+    np.testing.assert_array_equal(extra.depth_m(1), data.dataset.depth_m(1))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("id,focal_px\na,30\n", "has no focal_px of 'b'"),
+        ("id,mm\na,30\nb,30\n", "has no columns id,focal_px"),
+        ("id,hfov_deg\na,30\nb,30\n", "has no focal_px of 'a'"),
+        ("id,focal_px\na,30\nb,long\n", "line 3: focal_px is a number .*, not 'long'"),
+        ("id,focal_px\na,30\nb,nan\n", "focal_px is a number from 0.001 to 1e8"),
+        ("id,focal_px\na,30\nb,1e300\n", "focal_px is a number from 0.001 to 1e8"),
+    ],
+)
+def test_incomplete_cameras_csv_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    for kind, pixels in (("rgb", np.zeros((4, 4, 3), np.uint8)), ("depth", np.uint16([[2000]]))):
+        (tmp_path / kind).mkdir()
+        for name in "ab":
+            cv2.imwrite(
+                str(tmp_path / kind / f"{name}.png"),
+                np.broadcast_to(pixels, (4, 4, *pixels.shape[2:])).copy(),
+            )
+    assert open_paired_folder(tmp_path).focal_px == ()
+    (tmp_path / "cameras.csv").write_text("\ufeffid,focal_px\na,30\nb,40\n")  # as Excel writes it
+    assert open_paired_folder(tmp_path).focal_px == (30, 40)
+    (tmp_path / "cameras.csv").write_text(text)
+    with pytest.raises(DatasetError, match=message):
+        open_paired_folder(tmp_path)
