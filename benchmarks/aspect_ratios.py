@@ -21,16 +21,16 @@ import numpy as np
 import depthcli
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import Upsampling, UpsamplingOptions
-from depthcli.datasets.base import SplitName
-from depthcli.datasets.nyu import open_nyu
-from depthcli.evaluation.task import plan_nyu
+from depthcli.lab.datasets.base import SplitName
+from depthcli.lab.datasets.nyu import open_nyu
+from depthcli.lab.evaluation.task import plan_nyu
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
 
-    from depthcli.evaluation.task import EvalTask
+    from depthcli.lab.evaluation.task import EvalTask
 
     FloatArray = npt.NDArray[np.float64]
 

@@ -23,17 +23,17 @@ from typing import TYPE_CHECKING
 from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.parallel import one_thread_each, ordered_map, usable_cores
 from depthcli.core.types import Frame
-from depthcli.datasets.nyu import open_nyu
-from depthcli.evaluation.evaluate import entry_for, score
-from depthcli.evaluation.predictors import open_model
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.png16 import Png16Writer
+from depthcli.lab.datasets.nyu import open_nyu
+from depthcli.lab.evaluation.evaluate import entry_for, score
+from depthcli.lab.evaluation.predictors import open_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from depthcli.datasets.base import DepthDataset
-    from depthcli.evaluation.predictors import ModelPredictor
+    from depthcli.lab.datasets.base import DepthDataset
+    from depthcli.lab.evaluation.predictors import ModelPredictor
 
 PART = 100
 

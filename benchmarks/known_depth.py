@@ -30,12 +30,12 @@ import depthcli
 from depthcli.core.anchors import AnchorPoints, fit_anchors
 from depthcli.core.options import AnchorsFit
 from depthcli.core.types import DepthMap
-from depthcli.datasets.base import SplitName
-from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.prompts import parsed_prompt
 from depthcli.errors import UsageError
-from depthcli.evaluation.predictors import Sample
-from depthcli.evaluation.task import plan_nyu
+from depthcli.lab.datasets.base import SplitName
+from depthcli.lab.datasets.nyu import open_nyu
+from depthcli.lab.datasets.prompts import parsed_prompt
+from depthcli.lab.evaluation.predictors import Sample
+from depthcli.lab.evaluation.task import plan_nyu
 
 if TYPE_CHECKING:
     import numpy.typing as npt

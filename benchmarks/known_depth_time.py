@@ -24,7 +24,7 @@ from tools import Timing, alternate, write_pictures
 import depthcli
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.types import DepthMap, Frame
-from depthcli.datasets.prompts import Prompt, parsed_prompt
+from depthcli.lab.datasets.prompts import Prompt, parsed_prompt
 
 PATTERNS = ["uniform:100", "uniform:500", "uniform:3000", "camera:64", "lidar:4"]
 IMAGES = 4

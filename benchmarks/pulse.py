@@ -37,11 +37,11 @@ from depthcli.core.temporal import (
     thumbnail,
 )
 from depthcli.core.types import Frame
-from depthcli.datasets.base import SplitName
-from depthcli.datasets.nyu import is_nyu, open_nyu
-from depthcli.datasets.training_data import open_pairs
-from depthcli.evaluation.task import plan_nyu, plan_pairs
-from depthcli.metrics.boundary import boundary_scores
+from depthcli.lab.datasets.base import SplitName
+from depthcli.lab.datasets.nyu import is_nyu, open_nyu
+from depthcli.lab.datasets.training_data import open_pairs
+from depthcli.lab.evaluation.task import plan_nyu, plan_pairs
+from depthcli.lab.metrics.boundary import boundary_scores
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 import depthcli
 from depthcli.core.surface import surface_of
-from depthcli.datasets.base import SplitName
-from depthcli.datasets.nyu import open_nyu
-from depthcli.evaluation.task import plan_nyu
+from depthcli.lab.datasets.base import SplitName
+from depthcli.lab.datasets.nyu import open_nyu
+from depthcli.lab.evaluation.task import plan_nyu
 
 AROUND_PX = 15
 EVERY = 3

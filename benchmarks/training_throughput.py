@@ -24,23 +24,23 @@ import numpy as np
 import torch
 from lightning_fabric import Fabric
 
-from depthcli.datasets.base import DepthDataset, Pair
-from depthcli.datasets.nyu import open_nyu
-from depthcli.datasets.training_data import TrainingData
-from depthcli.training.callbacks import Callback, Callbacks
-from depthcli.training.data import Batches, PairStore, TrainingBatch
-from depthcli.training.loggers import TensorBoardLogger
-from depthcli.training.methods.registry import default_config
-from depthcli.training.presets import preset_file
-from depthcli.training.run import Run, fit
-from depthcli.training.settings import apply_overrides
+from depthcli.lab.datasets.base import DepthDataset, Pair
+from depthcli.lab.datasets.nyu import open_nyu
+from depthcli.lab.datasets.training_data import TrainingData
+from depthcli.lab.training.callbacks import Callback, Callbacks
+from depthcli.lab.training.data import Batches, PairStore, TrainingBatch
+from depthcli.lab.training.loggers import TensorBoardLogger
+from depthcli.lab.training.methods.registry import default_config
+from depthcli.lab.training.presets import preset_file
+from depthcli.lab.training.run import Run, fit
+from depthcli.lab.training.settings import apply_overrides
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     import numpy.typing as npt
 
-    from depthcli.training.config import TrainConfig
+    from depthcli.lab.training.config import TrainConfig
 
 NO_VALIDATION = ["data.holdout_every=0", "optim.epochs_constant=1000", "optim.epochs_decay=1000"]
 

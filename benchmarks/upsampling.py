@@ -21,20 +21,20 @@ from tools import alternate
 import depthcli
 from depthcli.core.options import AUTO_TILE, Upsampling, UpsamplingOptions
 from depthcli.core.types import Frame
-from depthcli.datasets.base import SplitName
-from depthcli.datasets.nyu import open_nyu
-from depthcli.evaluation.evaluate import EvalOptions, evaluate
-from depthcli.evaluation.predictors import ModelPredictor
-from depthcli.evaluation.protocol import EvalProtocol
-from depthcli.evaluation.report import Source
-from depthcli.evaluation.task import plan_nyu
 from depthcli.inference.transforms import coarse_depth, full_size, prepare
+from depthcli.lab.datasets.base import SplitName
+from depthcli.lab.datasets.nyu import open_nyu
+from depthcli.lab.evaluation.evaluate import EvalOptions, evaluate
+from depthcli.lab.evaluation.predictors import ModelPredictor
+from depthcli.lab.evaluation.protocol import EvalProtocol
+from depthcli.lab.evaluation.report import Source
+from depthcli.lab.evaluation.task import plan_nyu
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from depthcli.evaluation.task import EvalTask
     from depthcli.inference.session import Session
+    from depthcli.lab.evaluation.task import EvalTask
 
 WAYS = {
     "bilinear": UpsamplingOptions(Upsampling.BILINEAR),

@@ -14,7 +14,7 @@ from matplotlib import pyplot as plt
 from matplotlib.patches import FancyArrowPatch, Rectangle
 from torch import Tensor
 
-from depthcli.training.networks.resnet import ResnetGenerator
+from depthcli.lab.training.networks.resnet import ResnetGenerator
 
 SIZE_PX = 256
 COLOURS = {"input": "#e8e8e8", "conv": "#9ecae1", "block": "#fdd0a2", "up": "#a1d99b"}

@@ -11,8 +11,8 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from depthcli.training.checkpoint import load_generator
-from depthcli.training.init_weights import load_init_weights
+from depthcli.lab.training.checkpoint import load_generator
+from depthcli.lab.training.init_weights import load_init_weights
 
 
 def main(out: Path, *sources: Path) -> None:

@@ -10,9 +10,9 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from depthcli.evaluation.evaluate import differences_from
-from depthcli.evaluation.report import EvalReport, ReportRow, Source
-from depthcli.evaluation.saved import read_report
+from depthcli.lab.evaluation.evaluate import differences_from
+from depthcli.lab.evaluation.report import EvalReport, ReportRow, Source
+from depthcli.lab.evaluation.saved import read_report
 
 
 def seed_intervals(report: EvalReport, name: str) -> EvalReport:

@@ -2,7 +2,7 @@
 
 Run ``python docs/write_methods.py`` after a change of these files. ± is the sample standard
 deviation over seeds; intervals are those of ``eval nyu --against``. The paper's figures are those
-of ``depthcli.evaluation.report``.
+of ``depthcli.lab.evaluation.report``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import statistics
 from collections.abc import Mapping
 from pathlib import Path
 
-from depthcli.evaluation.report import PUBLISHED
+from depthcli.lab.evaluation.report import PUBLISHED
 
 PAGE = Path(__file__).with_name("methods.md")
 BENCHMARK = Path(__file__).with_name("benchmark.md")

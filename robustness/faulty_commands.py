@@ -139,8 +139,8 @@ _PICTURES = (
 )
 _VIDEOS = (*_PICTURES, "av", "depthcli.jobs.batch.run", "depthcli.jobs.batch.workers")
 _MODELS = (*_PICTURES, "depthcli.jobs.models")
-_TORCH = (*_PICTURES, "torch", "lightning_fabric", "depthcli.jobs.train")
-_ONNX = (*_TORCH, "onnx", "onnxscript", "depthcli.export.onnx")
+_TORCH = (*_PICTURES, "torch", "lightning_fabric", "depthcli.lab.jobs.train")
+_ONNX = (*_TORCH, "onnx", "onnxscript", "depthcli.lab.export.onnx")
 COMMANDS = {
     "predict": Command(_PREDICT, _picture, _PICTURES),
     "predict again": Command((*_PREDICT, "--overwrite"), _picture_again, _PICTURES),

@@ -27,8 +27,6 @@ from pyarrow import parquet
 
 from depthcli.cli.profiles import read_profiles
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Frame, Provenance, Window, Windows
-from depthcli.datasets.folders import read_image_rgb, read_truth
-from depthcli.datasets.nyu import open_mat, read_index
 from depthcli.errors import InputError
 from depthcli.inference.measure import try_session
 from depthcli.inference.session import Session
@@ -47,13 +45,15 @@ from depthcli.io.listing.folder import is_own_picture
 from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list
 from depthcli.io.tables import read_lenses
 from depthcli.jobs.video.resume import FrameJournal
+from depthcli.lab.datasets.folders import read_image_rgb, read_truth
+from depthcli.lab.datasets.nyu import open_mat, read_index
+from depthcli.lab.training.callbacks import truncate_log
+from depthcli.lab.training.checkpoint import Checkpoint, TrainState
+from depthcli.lab.training.config import TrainConfig
+from depthcli.lab.training.settings import apply_overrides
 from depthcli.models import onnx_file
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
-from depthcli.training.callbacks import truncate_log
-from depthcli.training.checkpoint import Checkpoint, TrainState
-from depthcli.training.config import TrainConfig
-from depthcli.training.settings import apply_overrides
 from depthcli.video.decoder import has_valid_slices
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.source import VideoSource

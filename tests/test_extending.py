@@ -183,7 +183,7 @@ def test_a_data_set(extended: Extended) -> None:
     folder.mkdir()
     np.savez(folder / "scene.npz", images=made.images, depths_m=made.depths_m)
     assert extended.train("proposed", "desk", "--preset", "bundled")
-    code = "from depthcli.training.checkpoint import Checkpoint; from pathlib import Path; "
+    code = "from depthcli.lab.training.checkpoint import Checkpoint; from pathlib import Path; "
     code += "print(Checkpoint.load(Path('desk-run/last.ckpt')).provenance.hfov_deg)"
     assert float(extended.run("-c", code)) == 62.7
     assert "abs_rel" in extended.run("compare.py")

@@ -18,7 +18,7 @@ import depthcli
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Anchor
 from depthcli.core.types import Frame
-from depthcli.datasets import base as id_ranges
+from depthcli.lab.datasets import base as id_ranges
 from depthcli.models.card import ModelCard
 
 ROOT = Path(__file__).parents[1]

@@ -25,8 +25,8 @@ def _names_in(module: str, name: str) -> Callable[[str], list[str]]:
 
 
 cards = _names_in("models.catalog", "ready_names")
-presets = _names_in("training.presets", "PRESETS")
-methods = _names_in("training.methods.table", "METHODS")
+presets = _names_in("lab.training.presets", "PRESETS")
+methods = _names_in("lab.training.methods.table", "METHODS")
 profiles = _names_in("cli.profiles", "profile_names")
 providers = _names_in("cli.completion", "PROVIDERS")
 accelerators = _names_in("cli.completion", "ACCELERATORS")

@@ -24,6 +24,7 @@ COMMANDS = {
     "serve": ("serve:serve", "Serve depth over HTTP with one loaded model."),
     "doctor": ("doctor:doctor", "Check the installation: provider, model, codecs."),
 }  #: name -> (module in ``commands/`` and its function or functions by name, one line of help)
+LAB_COMMANDS = ("eval", "train", "export-onnx", "bench")  #: those in ``lab/commands/``
 PROFILE_COMMANDS = ("predict", "batch", "video")  #: commands that accept ``--profile``
 
 _HELP = """\
@@ -58,7 +59,8 @@ def plain_command(name: str) -> "Any":  # noqa: ANN401 - typer's own types
     from depthcli.cli.groups import command_of
 
     place, summary = COMMANDS[name]
-    command = command_of(resolve_name(f"depthcli.cli.commands.{place}"), summary)
+    folder = "lab" if name in LAB_COMMANDS else "cli"
+    command = command_of(resolve_name(f"depthcli.{folder}.commands.{place}"), summary)
     command.name = name
     return command
 

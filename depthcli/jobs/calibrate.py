@@ -14,12 +14,12 @@ from depthcli.core.anchors import AnchorPoints, Pairs, ScaleShift, robust
 from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, Intrinsics, hfov_deg
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.datasets.training_data import open_pairs
 from depthcli.errors import InputError, UsageError, about
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.images.read import read_image, undistorted
 from depthcli.io.storage.paths import path_of
+from depthcli.lab.datasets.training_data import open_pairs
 
 _MOST_POINTS = 2000  # of an image, evenly spaced
 _SHIFT_POINTS = 10  # from which a shift is tried

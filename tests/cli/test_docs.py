@@ -11,8 +11,8 @@ import pytest
 
 from depthcli.cli import shell
 from depthcli.cli.table import COMMANDS
+from depthcli.lab.training.settings import resolve_config
 from depthcli.models.catalog import ready_names
-from depthcli.training.settings import resolve_config
 from docs import write_methods
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

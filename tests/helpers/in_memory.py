@@ -1,7 +1,7 @@
 """What a data set of arrays in memory has in common with one of files."""
 
 from depthcli.core.types import Frame
-from depthcli.datasets.base import Pair
+from depthcli.lab.datasets.base import Pair
 
 
 class InMemory:

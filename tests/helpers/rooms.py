@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.datasets.training_data import TrainingData
-from depthcli.training.config import (
+from depthcli.lab.datasets.training_data import TrainingData
+from depthcli.lab.training.config import (
     DataConfig,
     GeneratorConfig,
     LossConfig,

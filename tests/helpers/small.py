@@ -6,10 +6,10 @@ from typing import Any
 import torch
 from torch import nn
 
-from depthcli.training.checkpoint import Checkpoint
-from depthcli.training.config import DataConfig, GeneratorConfig, OutputConfig, TrainConfig
-from depthcli.training.networks.build import build_generator
-from depthcli.training.provenance import DataProvenance, TrainState
+from depthcli.lab.training.checkpoint import Checkpoint
+from depthcli.lab.training.config import DataConfig, GeneratorConfig, OutputConfig, TrainConfig
+from depthcli.lab.training.networks.build import build_generator
+from depthcli.lab.training.provenance import DataProvenance, TrainState
 
 EFFICIENT = GeneratorConfig(
     name="efficient", encoder=(4, 8, 8, 8, 8), decoder=(8, 8, 8, 4), depths=(1, 2, 1, 1)

@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.types import DepthKind, DepthMap
-from depthcli.evaluation.predictors import Sample
-from depthcli.evaluation.report import Source
+from depthcli.lab.evaluation.predictors import Sample
+from depthcli.lab.evaluation.report import Source
 from helpers.in_memory import InMemory
 
 HEIGHT, WIDTH = 12, 16

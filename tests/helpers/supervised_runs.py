@@ -5,11 +5,11 @@ from pathlib import Path
 
 from lightning_fabric import Fabric
 
-from depthcli.datasets.folders import open_paired_folder
-from depthcli.training.callbacks import Callback
-from depthcli.training.config import LossConfig, TrainConfig
-from depthcli.training.provenance import TrainState
-from depthcli.training.run import fit
+from depthcli.lab.datasets.folders import open_paired_folder
+from depthcli.lab.training.callbacks import Callback
+from depthcli.lab.training.config import LossConfig, TrainConfig
+from depthcli.lab.training.provenance import TrainState
+from depthcli.lab.training.run import fit
 from helpers.rooms import EFFICIENT, room_data, write_rooms
 
 SUPERVISED = replace(

@@ -4,9 +4,9 @@ from typing import Any
 
 import torch
 
-from depthcli.training.config import TrainConfig, updated
-from depthcli.training.data import TrainingBatch
-from depthcli.training.methods.registry import build_method, default_config
+from depthcli.lab.training.config import TrainConfig, updated
+from depthcli.lab.training.data import TrainingBatch
+from depthcli.lab.training.methods.registry import build_method, default_config
 
 SIZES: dict[str, Any] = {
     "seed": 3,

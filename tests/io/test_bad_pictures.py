@@ -18,12 +18,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from depthcli.datasets.folders import read_image_rgb, read_truth
 from depthcli.errors import DatasetError, InputError
 from depthcli.io.depth.read import AS_STATED, read_stored_depth
 from depthcli.io.images.opencv import IMAGE_SUFFIXES, can_round_trip
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import is_own_picture
+from depthcli.lab.datasets.folders import read_image_rgb, read_truth
 from robustness.fuzz import OF_LIBRARIES, file_of, problem
 from robustness.fuzz_targets import TARGETS
 

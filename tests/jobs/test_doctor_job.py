@@ -1,27 +1,18 @@
-"""Checks of the installation, and benchmarks of a model."""
+"""Checks of the installation."""
 
 import importlib.metadata
 import platform
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import av
-import cv2
-import numpy as np
 import pytest
-from helpers.tiny import known_depth_onnx, load, write_model
 
-from depthcli.core.types import Frame
 from depthcli.inference import providers
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.io.images import opencv as codecs
-from depthcli.io.images.read import read_image
-from depthcli.jobs import bench
 from depthcli.jobs.doctor import (
     Check,
     check_conflicts,
@@ -135,49 +126,3 @@ def seem_installed(folder: Path, monkeypatch: pytest.MonkeyPatch, *names: str, f
     (folder / file).parent.mkdir()
     (folder / file).touch()  # files that are missing are not listed by Python 3.12
     monkeypatch.syspath_prepend(folder)
-
-
-SLEEP_S = 0.004
-
-
-class Slow(Pipeline):
-    """A pipeline that takes longer than it needs, and counts."""
-
-    count = 0
-
-    def predict(self, frame: Frame, *rest: Any, **words: Any) -> Any:
-        self.count += 1
-        time.sleep(SLEEP_S)
-        return super().predict(frame, *rest, **words)
-
-
-def test_throughput_is_that_of_workers_that_take_turns(model_folder: Path, tmp_path: Path) -> None:
-    slow = Slow(load(model_folder, provider="cpu", threads=1).session)
-    rate = bench.throughput(slow, bench.synthetic_picture(64, 48), tmp_path, workers=2, seconds=0)
-    assert slow.count == 9
-    # The last of nine images by two workers ends four turns after the first.
-    assert 0 < rate <= 8 / (3 * SLEEP_S)
-
-
-def test_bench_measures_a_network_that_needs_known_depth(tmp_path: Path) -> None:
-    known = {"input": "lidar", "width": 8, "height": 6}
-    folder = write_model(tmp_path, known_depth_onnx(), input__known_depth=known)
-    assert bench.run_bench(SessionLoader(folder, "cpu"), (64, 48), 0.01, workers=1).end_to_end.runs
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="/proc is Linux's")
-def test_peak_memory_is_that_of_the_system() -> None:
-    (line,) = (x for x in Path("/proc/self/status").read_text().splitlines() if "VmHWM" in x)
-    assert bench.peak_memory_mb() == pytest.approx(int(line.split()[1]) * 1024 / 1e6, rel=0.02)
-
-
-@pytest.mark.parametrize("size", [(640, 480), (1, 1), (301, 7)])
-def test_synthetic_picture_resembles_a_photograph(size: tuple[int, int]) -> None:
-    data = bench.synthetic_picture(*size)
-    frame = read_image(None, data)
-    assert (frame.width, frame.height) == size
-    if size == (640, 480):
-        detail = cv2.Laplacian(frame.pixels.astype(np.float32), cv2.CV_32F)
-        # The figures of two versions are of the same picture.
-        found = (frame.pixels.mean(), frame.pixels.std(), detail.std(), len(data))
-        assert found == pytest.approx((131.4, 50.0, 15.1, 70_700), rel=1e-2)

@@ -1,0 +1,390 @@
+"""``depthcli eval``: comparing models, predictions of other tools and training runs."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from depthcli.cli import completion
+from depthcli.cli import options as groups
+from depthcli.cli.groups import group
+from depthcli.cli.screen import console
+from depthcli.core import options as choices
+from depthcli.errors import ExitCode, UsageError
+from depthcli.lab.datasets.base import SplitName
+
+if TYPE_CHECKING:
+    from depthcli.io.depth.read import DepthReadOptions
+    from depthcli.lab.evaluation.evaluate import EvalOptions
+    from depthcli.lab.evaluation.protocol import EvalProtocol
+    from depthcli.lab.jobs.evaluate import EvalRequest, EvalResult, ReportFiles
+
+
+@group
+class ProtocolDetail(groups.DetailOptions):
+    """Metrics."""
+
+    upsample: choices.Upsampling = groups.option(
+        "Upsampling of the models' depth: bilinear as in the protocol, or guided as in predict.",
+        default=choices.Upsampling.BILINEAR,
+    )
+
+
+@group
+class ModelOptions:
+    """Metrics."""
+
+    model: list[str] | None = groups.usual(
+        "Name or path of a model; repeatable. Default: the bundled model.",
+        "--model",
+        metavar="MODEL",
+        autocompletion=completion.models,
+    )
+    predictions: list[Path] | None = groups.usual(
+        "Folder with predictions of another tool, named by id or as the images; repeatable.",
+        metavar="DIR",
+    )
+    predictions_kind: choices.DepthEncoding | None = groups.option(
+        "Meaning of the numbers in --predictions, if the files do not state it: metric (default), "
+        "distance (along the ray), relative, inverse, or disparity (with --baseline)."
+    )
+    baseline: float | None = groups.option(
+        "Distance in metres between the two cameras, for disparity in --predictions and, in "
+        "'pairs', in the depth files.",
+        callback=groups.positive,
+    )
+    predictions_scale: float | None = groups.option(
+        "Units per metre of --predictions in PNG and in NPY of integers, if the files do "
+        "not state it: 1000 (PNG's default, millimetres), 256 (KITTI).",
+        callback=groups.png_scale_range,
+    )
+    detail: ProtocolDetail
+    workers: groups.WorkersOption = None
+    prompt: str | None = groups.option(
+        "Known depth that models are given, drawn from the truth: uniform:500 (points), lidar:4 "
+        "(lines), camera:64 (columns of a depth camera) or corners:200; with ,noise=0.02 or "
+        ",wrong=0.25 (shares).",
+        metavar="PATTERN",
+    )
+    anchors_fit: choices.AnchorsFit | None = groups.option("Fit to --prompt, as in 'predict'.")
+    average: choices.Averaging = groups.option(
+        "Average over images, or over all pixels.", default=choices.Averaging.IMAGE
+    )
+    compare_at: int | None = groups.option(
+        "Resize prediction and ground truth to N×N first (for example 256).",
+        metavar="N",
+        min=1,
+        max=20_000,
+    )
+    boundary: bool = groups.option(
+        "Also compute boundary metrics: dbe_acc, dbe_comp, edge_f1.", default=False
+    )
+    per_image: bool = groups.option(
+        "With --json, also print the scores of each image.", default=False
+    )
+
+
+@group
+class ReportOptions:
+    """Table and figures."""
+
+    csv: Path | None = groups.option("Also write the table as CSV.", metavar="FILE")
+    html: Path | None = groups.option("Write table and figures to one HTML file.", metavar="FILE")
+    screen: groups.ScreenOptions
+
+    def files(self, figures: Path | None = None) -> "ReportFiles":
+        """The files to write, which are checked."""
+        from depthcli.lab.jobs.evaluate import ReportFiles
+
+        found = ReportFiles(self.csv, figures, self.html)
+        found.check()
+        return found
+
+    def show(self, done: "EvalResult", files: "ReportFiles") -> None:
+        """Print the table, and write the files."""
+        from depthcli.lab.evaluation.page import report_page
+
+        page, is_silent = report_page(done.report), self.screen.quiet or self.screen.as_json
+        if self.screen.as_json:
+            console.out(done.report.to_json())
+        elif not is_silent:
+            console.out(page.to_text())
+        for path in files.write(page, done.report.to_csv(), done.figures):
+            if not is_silent:
+                console.note(str(path))
+
+
+@group
+class TableOptions:
+    """Table and figures."""
+
+    align: list[choices.Alignment] | None = groups.usual(
+        "Alignment to ground truth per image: none, median (scale), depth or disparity "
+        "(least-squares scale and shift); repeatable, one row each. Default: none."
+    )
+    against: str | None = groups.usual(
+        "Also compare this row with every other: paired bootstrap over scenes.", metavar="ROW"
+    )
+    by: list[choices.Part] | None = groups.option(
+        "Also score parts: pixels by true distance, images by kind of scene, and the worst "
+        "images; repeatable."
+    )
+    limit: int | None = groups.option(
+        "Evaluate only N images, spread evenly over the split.", metavar="N", min=1
+    )
+    runtime: groups.RuntimeOptions
+    figures: Path | None = groups.option(
+        "Write figures of sample images, in gray and in colour.", metavar="DIR"
+    )
+    ids: str | None = groups.option("Image ids to show in the figures.", metavar="A,B")
+    metric: list[str] | None = groups.option(
+        "Your own metric, a function of true and predicted metres; repeatable.",
+        metavar="MODULE:NAME",
+    )
+    report: ReportOptions
+
+    def options(self, **more: Any) -> "EvalOptions":  # noqa: ANN401 - fields of EvalOptions
+        """Options of the table."""
+        from depthcli.lab.evaluation.evaluate import EvalOptions
+
+        alignments = tuple(self.align or (choices.Alignment.NONE,))
+        parts = tuple(self.by or ())
+        return EvalOptions(alignments=alignments, against=self.against, parts=parts, **more)
+
+    @property
+    def shown_ids(self) -> tuple[str, ...] | None:
+        """Ids of images for the figures; empty for some of each scene type, None for no figures."""
+        if not (self.figures or self.report.html):
+            return None
+        return tuple(name.strip() for name in (self.ids or "").split(",") if name.strip())
+
+
+_TrivialOption = Annotated[bool, typer.Option(help="Include baselines that ignore the image.")]
+
+
+def nyu(
+    *,
+    data: Path = typer.Option(
+        ...,
+        envvar="DEPTHCLI_NYU",
+        help="nyu_depth_v2_labeled.mat, or a folder with it or with rgb/, depth/, index.csv.",
+    ),
+    models: ModelOptions,
+    no_model: bool = typer.Option(False, "--no-model", help="Do not evaluate the bundled model."),
+    split: SplitName = typer.Option(
+        SplitName.PAPER,
+        help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: held-out scenes "
+        "of the first 1000.",
+    ),
+    crop: choices.Crop = typer.Option(
+        choices.Crop.NONE, help="eigen: rows 45:471, columns 41:601 only."
+    ),
+    mask: choices.Mask = typer.Option(
+        choices.Mask.FILLED, help="raw: only where the sensor measured depth."
+    ),
+    trivial: _TrivialOption = True,
+    table: TableOptions,
+) -> int:
+    """Evaluate depth metrics on NYU Depth v2."""
+    from depthcli.lab.evaluation.protocol import EvalProtocol
+
+    if models.model and no_model:
+        raise UsageError("", "give {model} or {no_model}, not both")
+    protocol = EvalProtocol(crop=crop, mask=mask)
+    request = _request(data, models, table, protocol, bundled=not no_model, trivial=trivial)
+    return _run(replace(request, split=split), table)
+
+
+def pairs(
+    data: Path = typer.Argument(
+        ...,
+        metavar="DIR",
+        help="Folder with rgb/ and depth/ of the same names, or in the layout of TUM RGB-D, "
+        "ScanNet, 7-Scenes, 3DMatch or KITTI; and cameras.csv (id,focal_px) if the focal lengths "
+        "are known.",
+    ),
+    *,
+    names: groups.PatternOptions,
+    models: ModelOptions,
+    png_scale: float | None = typer.Option(
+        None,
+        callback=groups.png_scale_range,
+        help="Units per metre of the depth files: 1000 for millimetres, 256 (KITTI), 5000 (TUM), "
+        "4000 (Matterport). Default: what the files state or the layout implies, else 1000 for "
+        "integers and 1 for floats.",
+    ),
+    depth_kind: choices.DepthEncoding = typer.Option(
+        choices.DepthEncoding.METRIC,
+        help="Meaning of the depth files: metric (along the axis), distance (along the ray), "
+        "disparity (with --baseline) or inverse (with --png-scale).",
+    ),
+    min_depth: float = typer.Option(
+        0.001,
+        metavar="METRES",
+        callback=groups.positive,
+        help="Nearest depth that counts; predictions are clamped to it.",
+    ),
+    max_depth: float = typer.Option(
+        10.0,
+        metavar="METRES",
+        callback=groups.positive,
+        help="Farthest depth that counts; predictions are clamped to it.",
+    ),
+    crop: choices.Crop = typer.Option(
+        choices.Crop.NONE,
+        help="garg: the part of KITTI's images that is compared; eigen: that of NYU's.",
+    ),
+    table: TableOptions,
+) -> int:
+    """Evaluate depth metrics on images and depth of your own.
+
+    Metric models are rescaled to the focal length of each image, where it is known.
+    """
+    from depthcli.io.depth.read import DepthReadOptions
+    from depthcli.lab.evaluation.protocol import EvalProtocol
+
+    if min_depth >= max_depth:
+        raise UsageError(f"it is not below {max_depth:g} m", option="min_depth")
+    protocol = EvalProtocol(full_size_px=None, crop=crop, min_m=min_depth, max_m=max_depth)
+    request = _request(data, models, table, protocol)
+    truth = DepthReadOptions(png_scale, depth_kind, baseline_m=models.baseline)
+    return _run(replace(request, split=None, truth=truth, patterns=names.patterns), table)
+
+
+def runs(
+    folder: Path = typer.Argument(..., metavar="RUNS", help="The --out folder of depthcli train."),
+    *,
+    data: Path = typer.Option(
+        ..., envvar="DEPTHCLI_NYU", help="NYU Depth v2 or the folder that the runs were trained on."
+    ),
+    names: groups.PatternOptions,
+    split: SplitName = typer.Option(
+        SplitName.VAL,
+        help="val: scenes held out by the runs. paper, official: test part of the split, if "
+        "no run was trained on it.",
+    ),
+    weights: groups.WeightsOption = choices.Weights.AVERAGED,
+    trivial: _TrivialOption = True,
+    published: bool = typer.Option(True, help="Include the paper's rows."),
+    table: TableOptions,
+) -> int:
+    """Compare training runs on images that none of them was trained on.
+
+    Runs whose folders differ only in -seedK are one row: mean and standard deviation.
+    """
+    from depthcli.cli import parse
+    from depthcli.core.parallel import usable_cores
+    from depthcli.lab.jobs.evaluate import EvalRequest
+
+    request = EvalRequest(
+        data,
+        runs=folder,
+        weights=weights,
+        runner=parse.session_loader(None, table.runtime),
+        patterns=names.patterns,
+        split=split,
+        limit=table.limit,
+        options=table.options(trivial=trivial, published=published, workers=usable_cores()),
+        shown_ids=table.shown_ids,
+    )
+    return _run(request, table)
+
+
+def compare(
+    first: Path = typer.Argument(..., metavar="A.json", help="A report of eval --json."),
+    second: Path = typer.Argument(..., metavar="B.json", help="Another one, of the same data."),
+    *,
+    report: ReportOptions,
+) -> int:
+    """Compare two reports that were kept, paired where they have scores of the same images."""
+    from depthcli.lab.evaluation.saved import compare_reports
+    from depthcli.lab.jobs.evaluate import EvalResult
+
+    files = report.files()
+    report.show(EvalResult(compare_reports(first, second)), files)
+    return ExitCode.OK
+
+
+def _request(
+    data: Path,
+    models: ModelOptions,
+    table: TableOptions,
+    protocol: "EvalProtocol",
+    *,
+    bundled: bool = True,
+    trivial: bool = False,
+) -> "EvalRequest":
+    from depthcli.cli import parse
+    from depthcli.core.parallel import share_cores
+    from depthcli.lab.datasets.prompts import parsed_prompt
+    from depthcli.lab.jobs.evaluate import EvalRequest
+
+    names: list[str | None] = [*(models.model or ())]
+    if bundled and not names and not models.predictions:
+        names = [None]
+    if models.per_image and not table.report.screen.as_json:
+        raise UsageError("scores of each image are part of the JSON output", "add {json}")
+    if models.anchors_fit and not models.prompt:
+        raise UsageError("", "{anchors_fit} is for {prompt}: give both or neither")
+    workers, threads = share_cores(models.workers, table.runtime.threads)
+    size_px = models.compare_at
+    return EvalRequest(
+        data,
+        models=tuple(parse.session_loader(name, table.runtime, threads) for name in names),
+        predictions=tuple(models.predictions or ()),
+        predictions_reading=_reading(models),
+        prompt=parsed_prompt(models.prompt) if models.prompt else None,
+        anchors_fit=models.anchors_fit,
+        limit=table.limit,
+        options=table.options(
+            protocol=replace(
+                protocol,
+                averaging=models.average,
+                compare_px=None if size_px is None else (size_px, size_px),
+                upsampling=models.detail.upsample,
+                tile_px=parse.detail(models.detail).tile_px,
+                boundary=models.boundary,
+            ),
+            trivial=trivial,
+            per_image=models.per_image,
+            workers=workers,
+        ),
+        shown_ids=table.shown_ids,
+    )
+
+
+def _reading(models: ModelOptions) -> "DepthReadOptions":
+    from depthcli.io.depth.read import DepthReadOptions
+
+    is_disparity = models.predictions_kind is choices.DepthEncoding.DISPARITY
+    if is_disparity and models.baseline is None:
+        told = "disparity up to a factor is inverse"
+        raise UsageError(told, "give {baseline}, or inverse", option="predictions_kind")
+    return DepthReadOptions(
+        kind=models.predictions_kind,
+        unstated_scale=models.predictions_scale,
+        baseline_m=models.baseline if is_disparity else None,
+    )
+
+
+def _run(request: "EvalRequest", table: TableOptions) -> int:
+    from depthcli.cli.screen.progress import show_progress
+    from depthcli.lab.jobs.evaluate import run_evaluation
+    from depthcli.lab.metrics.depth import add_metric
+    from depthcli.lab.training.plugins import imported
+
+    for name in table.metric or ():
+        add_metric(name.rpartition(":")[2], imported(name))
+    screen, files = table.report.screen, table.report.files(table.figures)
+    with show_progress(silent=screen.quiet or screen.as_json) as progress:
+        warn = console.warn if not screen.quiet else lambda _text: None
+        done = run_evaluation(request, progress, warn)
+    table.report.show(done, files)
+    if done.failed:
+        count = "1 run is" if len(done.failed) == 1 else f"{len(done.failed)} runs are"
+        console.error(f"{count} skipped: {'; '.join(done.failed)}")
+    return ExitCode.SOME_FAILED if done.failed else ExitCode.OK
+
+
+COMMANDS = {"nyu": nyu, "pairs": pairs, "runs": runs, "compare": compare}

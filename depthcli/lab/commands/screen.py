@@ -1,0 +1,98 @@
+"""Output of a training run: a bar on a terminal, a line per epoch elsewhere, or JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from depthcli.cli.screen import console
+from depthcli.cli.screen.progress import Stage, show_progress
+from depthcli.lab.jobs.train import TrainResult
+from depthcli.lab.metrics.depth import finite_or_none
+from depthcli.lab.training.callbacks import Callback
+from depthcli.lab.training.config import TrainConfig
+from depthcli.lab.training.provenance import TrainState
+
+_SHOWN = ("abs_rel", "rmse", "d1")
+
+
+@contextmanager
+def callback_for(*, as_json: bool, quiet: bool, run: str | None) -> Iterator[Callback]:
+    """The callback for the options and the terminal; ``run`` is a name of one of several runs."""
+    if run and not (quiet or as_json):
+        console.note(f"training {run}")
+    with ExitStack() as stack:
+        is_silent = quiet and not as_json
+        yield Callback() if is_silent else EpochCallback(stack, run, as_json=as_json)
+
+
+def show_config(config: TrainConfig) -> None:
+    """Print a configuration as TOML."""
+    values = dataclasses.asdict(config)
+    groups = {name: group for name, group in values.items() if isinstance(group, dict)}
+    _assignments({name: value for name, value in values.items() if name not in groups})
+    for name, group in groups.items():
+        console.out(f"\n[{name}]")
+        _assignments(group)
+
+
+def _assignments(values: dict[str, object]) -> None:
+    for name, value in values.items():
+        if isinstance(value, dict):
+            items = ", ".join(f"{json.dumps(key)} = {one}" for key, one in value.items())
+            console.out(f"{name} = {{{items}}}")
+        else:
+            console.out(f"{name} = {json.dumps(value)}")
+
+
+def print_result(result: TrainResult, out: Path) -> None:
+    """Print steps, time and checkpoint."""
+    done = result.state
+    steps = f"{done.step} step{'s' * (done.step != 1)}"
+    best = f"; best of epoch {done.best_epoch}: best.ckpt" if done.best_epoch else ""
+    console.note(f"{steps} in {done.seconds / 60:.1f} min; checkpoint in {out}{best}")
+
+
+class EpochCallback(Callback):
+    """Prints each epoch as a line, with a progress bar on a terminal, or as a JSON object.
+
+    ``stack`` closes the bar; ``run`` is a name of one of several runs, for JSON.
+    """
+
+    def __init__(self, stack: ExitStack, run: str | None = None, *, as_json: bool = False) -> None:
+        self._stack, self._run, self._as_json = stack, run, as_json
+        self._steps, self._losses = 0, dict[str, float]()
+        self._stage: Stage | None = None
+
+    def on_train_start(self, warnings: tuple[str, ...]) -> None:
+        """Warn of what the user may not expect of data, validation and init weights."""
+        console.warn_all(warnings)
+
+    def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
+        """Advance the bar; the time of the first step is not measured."""
+        self._losses = losses
+        if self._stage is None:
+            silent = self._as_json or not sys.stderr.isatty()
+            shown = self._stack.enter_context(show_progress(silent=silent))
+            self._steps, self._stage = steps, shown.begin("training", steps, "steps")
+            self._stage.skip(state.step)
+        else:
+            self._stage(1)
+
+    def on_epoch_end(self, state: TrainState) -> None:
+        """Print scores, and the losses of the last step; as text also rate and remaining time."""
+        if self._as_json:
+            values = dataclasses.asdict(state) | {"scores": finite_or_none(state.scores.items())}
+            values["losses"] = self._losses
+            console.out_json(values if self._run is None else {"run": self._run, **values})
+            return
+        losses = " ".join(f"{name} {value:.4f}" for name, value in self._losses.items())
+        scores = " ".join(f"{name} {state.scores[name]:.4f}" for name in _SHOWN if state.scores)
+        held_out = f"  held out: {scores}" if scores else ""
+        progress = f"epoch {state.epoch}  step {state.step}/{self._steps}"
+        speed = self._stage.speed() if self._stage else ""
+        console.note(f"{progress}  {losses}{held_out}  {speed}".rstrip())

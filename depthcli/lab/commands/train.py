@@ -1,0 +1,232 @@
+"""``depthcli train``: training methods on a folder of pairs."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from depthcli.cli import completion, groups, options, process
+from depthcli.cli.screen import console
+from depthcli.core.options import Tracker
+from depthcli.errors import SIGNAL_BASE, CheckpointError, ExitCode, TrainingError, UsageError
+from depthcli.lab.training.methods.table import METHODS
+from depthcli.lab.training.presets import PRESETS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from depthcli.lab.training.config import TrainConfig
+
+
+@groups.group
+class RunOptions:
+    """Several runs."""
+
+    methods: list[str] | None = options.option(
+        "Train these methods one after another, each in the folder METHOD-seedK of --out "
+        "(for example cut,proposed); repeatable.",
+        metavar="A,B",
+        autocompletion=completion.methods,
+    )
+    seeds: list[str] | None = options.option(
+        "One run of each method for each of these seeds, in the folder METHOD-seedK of "
+        "--out (for example 0,1); repeatable.",
+        metavar="K,L",
+    )
+    grid: list[str] | None = options.option(
+        "One run for each of these values of a setting (for example loss.l1=1,10,100), in the "
+        "folder METHOD-loss.l1=1-seedK of --out; repeatable, for all combinations.",
+        metavar="NAME=A,B",
+    )
+
+    def settings(self) -> Iterator[tuple[str, ...]]:
+        """The settings of each point of the grid; one without any if there is none."""
+        named = [axis.partition("=") for axis in self.grid or ()]
+        axes = ([f"{name}={value}" for value in values.split(",")] for name, _, values in named)
+        return itertools.product(*axes)
+
+
+@groups.group
+class DataOptions:
+    """Data and initial weights."""
+
+    data: Path | None = options.usual(
+        "NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv, or nyu for that of "
+        "$DEPTHCLI_NYU; or another folder with rgb/ and depth/, or in the layout of TUM RGB-D, "
+        "ScanNet, 7-Scenes, 3DMatch, KITTI or Ultralytics."
+    )
+    names: options.PatternOptions
+    pseudo_labels: Path | None = options.option(
+        "Additional pairs with less reliable depth, such as predictions of another model: "
+        "rgb/ and depth/ in millimetres.",
+        metavar="DIR",
+    )
+    init: list[Path] | None = options.option(
+        "Start from the weights of a model (name, .onnx file or folder) or a checkpoint. "
+        "Repeatable: from the mean of their weights. A .pth file is a pretrained encoder; 'hub' "
+        "downloads that of timm.",
+        metavar="MODEL|CKPT",
+    )
+
+
+@groups.group
+class ConfigOptions:
+    """Configuration."""
+
+    preset: str | None = options.usual(
+        "Configuration preset: "
+        f"{', '.join(f'{name} (for {own})' if own else name for name, own in PRESETS.items())}.",
+        metavar="NAME",
+        autocompletion=completion.presets,
+    )
+    config: list[Path] | None = options.option(
+        "TOML file that overrides the configuration; repeatable.", metavar="FILE"
+    )
+    settings: list[str] | None = options.usual(
+        "Override one setting ('--show-config' lists them), such as optim.batch_size=8; "
+        "repeatable.",
+        "--set",
+        metavar="NAME=VALUE",
+    )
+    show_config: bool = options.usual("Print the full configuration and exit.", default=False)
+
+
+@groups.group
+class DeviceOptions:
+    """Time and device."""
+
+    max_minutes: float | None = options.usual(
+        "Time limit in minutes, for all runs together; they can be resumed.",
+        min=0.0,
+        callback=options.not_negative,
+    )
+    accelerator: str = options.option(
+        "auto, cpu, cuda or mps.",
+        default="auto",
+        metavar="NAME",
+        autocompletion=completion.accelerators,
+    )
+    threads: int | None = options.option(
+        "CPU threads. Default: those of the run that is resumed, or one per core.",
+        min=1,
+        max=options.MAX_THREADS,
+    )
+
+
+@groups.group
+class FollowOptions:
+    """Loggers and callbacks."""
+
+    log: list[Tracker] | None = options.option(
+        "Also log losses, scores and sample images to this tool; repeatable."
+    )
+    callback: list[str] | None = options.option(
+        "Your own class or function that makes a callback from the folder and the configuration "
+        "of a run; repeatable.",
+        metavar="MODULE:NAME",
+    )
+
+
+def train(
+    method: str | None = typer.Argument(
+        None,
+        metavar="[METHOD]",
+        autocompletion=completion.methods,
+        help=f"One of {', '.join(METHODS)}, or your own as MODULE:CLASS.",
+    ),
+    *,
+    out: Path = typer.Option(
+        Path("runs/train"),
+        "-o",
+        "--out",
+        metavar="DIR",
+        help="Output folder for checkpoint, log and samples; resumes if it has a checkpoint.",
+    ),
+    data: DataOptions,
+    runs: RunOptions,
+    config: ConfigOptions,
+    device: DeviceOptions,
+    follow: FollowOptions,
+    screen: options.ScreenOptions,
+) -> int:
+    """Train one or more methods. Run the same command again to resume."""
+    from depthcli.cli.parse import listed
+    from depthcli.lab.commands.screen import show_config
+    from depthcli.lab.training.settings import resolve_config
+
+    methods, seeds = listed(runs.methods) or (method or "",), listed(runs.seeds)
+    if not methods[0] or (method and runs.methods):
+        raise UsageError("", "name a METHOD, or several with {methods}")
+    planned: dict[Path, Callable[..., TrainConfig]] = {}
+    for name, point, seed in itertools.product(methods, runs.settings(), seeds or (None,)):
+        settings = [*(config.settings or ()), *point, *([f"seed={seed}"] if seed else [])]
+        resolve = partial(
+            resolve_config,
+            name,
+            config.preset,
+            config.config or (),
+            settings,
+            init=data.init[0] if data.init else None,
+        )
+        if config.show_config:
+            show_config(resolve())
+        is_one = not (runs.methods or seeds or runs.grid)
+        run = "-".join((name.replace(":", "."), *point, f"seed{resolve().seed}"))
+        planned[out if is_one else out / run] = resolve
+    if config.show_config:
+        return ExitCode.OK
+    return _train_runs(planned, data, device, follow, screen)
+
+
+def _train_runs(
+    planned: Mapping[Path, Callable[..., TrainConfig]],
+    data: DataOptions,
+    device: DeviceOptions,
+    follow: FollowOptions,
+    screen: options.ScreenOptions,
+) -> int:
+    """Train the runs one after another; those to come share the time that is left."""
+    from depthcli.lab.commands.screen import callback_for, print_result
+    from depthcli.lab.jobs.train import TrainRequest, train
+
+    minutes = math.inf if device.max_minutes is None else device.max_minutes
+    code, end_s = ExitCode.OK, time.monotonic() + 60 * minutes
+    for index, (folder, resolve) in enumerate(planned.items()):
+        try:
+            config = resolve(folder=folder)
+            if data.data is None:
+                raise UsageError("", "give the data set with {data}")
+            request = TrainRequest(
+                config=config,
+                data=data.data,
+                patterns=data.names.patterns,
+                out=folder,
+                pseudo_labels=data.pseudo_labels,
+                init_weights=tuple(data.init or ()),
+                minutes=(end_s - time.monotonic()) / 60 / (len(planned) - index),
+                accelerator=device.accelerator,
+                threads=device.threads,
+                trackers=tuple(dict.fromkeys(follow.log or ())),
+                callbacks=tuple(follow.callback or ()),
+                signals=process.ending_signals(),
+            )
+            run = folder.name if len(planned) > 1 else None
+            with callback_for(as_json=screen.as_json, quiet=screen.quiet, run=run) as callback:
+                result = train(request, callback)
+        except (CheckpointError, TrainingError) as error:
+            if len(planned) == 1:
+                raise
+            console.error(error.message.about(folder.name))
+            code = ExitCode.SOME_FAILED
+            continue
+        if not screen.quiet and not screen.as_json:
+            print_result(result, folder)
+        if result.signal_number is not None:
+            return SIGNAL_BASE + result.signal_number
+    return code

@@ -1,0 +1,242 @@
+"""Layouts of folders with pairs: which files are the image and the depth of one pair.
+
+Known by their names: ``rgb/`` and ``depth/`` (also with time stamps, as in TUM RGB-D), ``color/``
+and ``depth/`` (ScanNet, Redwood), ``*.color.*`` and ``*.depth.*`` (7-Scenes, 3DMatch), and KITTI.
+"""
+
+import os
+import re
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from depthcli.core.arrays import Float64Array
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
+from depthcli.errors import DatasetError, UsageError
+from depthcli.io.calibration import read_calibration
+from depthcli.io.formats.table import READABLE_SUFFIXES
+from depthcli.lab.datasets.base import Pair
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+_IMAGE = rf"(?:{'|'.join(map(re.escape, IMAGE_SUFFIXES))})"
+_DEPTH = rf"(?:\.depth)?(?:{'|'.join(map(re.escape, READABLE_SUFFIXES))})"  # as predict names it
+_TUM_LISTS = ("rgb.txt", "depth.txt", "groundtruth.txt")
+_TUM_UNITS = 5000.0
+_PARTS = ("train", "val", "test")  # folders of Ultralytics' data sets
+_TIME = re.compile(r"\d+\.\d+")
+_MOST_APART_S = 0.02  # difference of time stamps up to which TUM's tools pair image and depth
+_CAMERAS = ("intrinsic/intrinsic_{}.txt", "intrinsic_{}.txt", "intrinsics_{}.txt")
+_ONE_CAMERA = ("camera-intrinsics.txt", "camera_intrinsics.txt")
+_COLOUR_CAMERAS = (*(name.format("color") for name in _CAMERAS), *_ONE_CAMERA)
+_DEPTH_CAMERAS = (*(name.format("depth") for name in _CAMERAS), *_ONE_CAMERA)
+
+
+class Layout(NamedTuple):
+    """Names of images and depth below a folder, as expressions whose groups are those of a pair."""
+
+    name: str
+    image: str
+    depth: str
+    units_per_metre: float | None = None  #: by convention; None if it has none
+
+
+class Listing(NamedTuple):
+    """The pairs of a folder."""
+
+    pairs: tuple[Pair, ...]
+    layout: str  #: how they are laid out
+    units_per_metre: float | None = None  #: by convention of the layout; None if it has none
+    left_out: int = 0  #: files without a partner, which some layouts have
+
+
+_PLAIN = Layout("rgb/ and depth/", rf"rgb/(.+){_IMAGE}", rf"depth/(.+?){_DEPTH}")
+_LAYOUTS = (
+    _PLAIN,
+    Layout(
+        "color/ and depth/",
+        rf"(.+/)?(?:color|rgb|images?)/(.+){_IMAGE}",
+        rf"(.+/)?depths?/(.+?){_DEPTH}",
+    ),
+    Layout(
+        "*.color.* and *.depth.*",
+        rf"(.+)[._-](?:color|rgb){_IMAGE}",
+        rf"(.+)[._-]depth(?:{'|'.join(map(re.escape, READABLE_SUFFIXES))})",
+    ),
+    Layout(
+        "color_* and depth_*",
+        rf"(.*/)?(?:color|rgb)[._-](.+){_IMAGE}",
+        rf"(.*/)?depth[._-](.+?){_DEPTH}",
+    ),
+    Layout(
+        "KITTI's validation selection",
+        r"(?:.+/)?image/(.+_sync)_image_(\d+_image_0[23])\.png",
+        r"(?:.+/)?groundtruth_depth/(.+_sync)_groundtruth_depth_(\d+_image_0[23])\.png",
+        256.0,
+    ),
+    Layout(
+        "KITTI",
+        r"(?:.+/)?(\w+_sync)/(image_0[23])/data/(\d+)\.(?:png|jpg)",
+        r"(?:.+/)?(\w+_sync)/proj_depth/groundtruth/(image_0[23])/(\d+)\.png",
+        256.0,
+    ),
+)
+
+
+def list_pairs(root: Path, patterns: tuple[str, str] | None = None) -> Listing:
+    """Pair the images of a folder with their depth.
+
+    Args:
+        root: the folder.
+        patterns: of the paths of images and of depth below it, in which ``*`` stands for what the
+            two of a pair have in common; None for the first known layout that fits.
+    """
+    if patterns:
+        image, depth = map(_expression, patterns)
+        layout = Layout(f"{patterns[0]} and {patterns[1]}", image, depth)
+        found = _paired(root, layout, list_files(root))
+        if not found.pairs:
+            raise DatasetError(f"{root} has no files of one name by {layout.name}")
+        return found
+    if tables := sorted(root.glob("assoc*.txt")):
+        return Listing(_associated(tables[0]), f"TUM RGB-D, by {tables[0].name}", _TUM_UNITS)
+    is_plain = (root / "rgb").is_dir() and (root / "depth").is_dir()
+    files = list_files(root, ("rgb", "depth") if is_plain else ("",))
+    layouts = (_PLAIN,) if is_plain else _LAYOUTS[1:]
+    listings = (_paired(root, layout, files) for layout in layouts)
+    for found in listings:
+        if found.pairs:
+            return found
+    raise DatasetError(
+        f"{root} has no pairs of image and depth in a known layout: rgb/ and depth/, color/ and "
+        "depth/, *.color.png and *.depth.png, TUM RGB-D or KITTI",
+        "name its files with {rgb} and {depth}",
+    )
+
+
+def list_unpaired(root: Path) -> tuple[list[Path], list[Path]]:
+    """Images of ``rgb/`` and depth files of ``depth/``, sorted by name."""
+    files = list_files(root, ("rgb", "depth"))
+    images, depths = (matching(root, files, e) for e in (_PLAIN.image, _PLAIN.depth))
+    if not (images and depths):
+        raise DatasetError(f"{root} has no images in rgb/, or no depth files in depth/")
+    return [images[name] for name in sorted(images)], [depths[name] for name in sorted(depths)]
+
+
+def list_files(root: Path, folders: Iterable[str] = ("",)) -> list[str]:
+    """Paths of the files below some folders of ``root``, relative to it; hidden ones are not."""
+    if not root.is_dir():
+        raise DatasetError(f"{root} is not a folder")
+    walked = (entry for folder in folders for entry in os.walk(root / folder, followlinks=True))
+    files = (Path(parent, name) for parent, _, names in walked for name in names)
+    found = (file for file in files if not file.name.startswith(".") and file.is_file())
+    return sorted(file.relative_to(root).as_posix() for file in found)
+
+
+def matching(root: Path, files: Iterable[str], expression: str) -> dict[str, Path]:
+    """Files whose path is of an expression, by its groups."""
+    compiled, found = re.compile(expression, re.IGNORECASE), dict[str, Path]()
+    for file in files:
+        match = compiled.fullmatch(file)
+        if match is None:
+            continue
+        name = "/".join(part.strip("/") for part in match.groups() if part)
+        if name in found:
+            raise DatasetError(f"{found[name]} and {root / file} share one name: remove one")
+        found[name] = root / file
+    return found
+
+
+def _expression(pattern: str) -> str:
+    """The expression of a pattern with ``*`` and ``?``."""
+    if "*" not in pattern:
+        raise UsageError(f"{pattern} has no * for the names of the pairs")
+    words = {"**": "(.*)", "*": "([^/]*)", "?": "[^/]"}
+    parts = re.split(r"(\*\*|\*|\?)", pattern.removeprefix("./"))
+    return "".join(words.get(part) or re.escape(part) for part in parts)
+
+
+def _paired(root: Path, layout: Layout, files: list[str]) -> Listing:
+    images, depths = (matching(root, files, e) for e in (layout.image, layout.depth))
+    partner_of = {name: name for name in sorted(images) if name in depths}
+    is_complete, units = layout is _PLAIN, layout.units_per_metre
+    if layout is _PLAIN and images and depths and not partner_of:
+        partner_of, is_complete = _nearest_in_time(images, depths), False
+        if any((root / name).is_file() for name in _TUM_LISTS):
+            units = _TUM_UNITS
+    unpaired = sorted((images.keys() - partner_of.keys()) | (depths.keys() - partner_of.values()))
+    if (layout is _PLAIN and not partner_of) or (is_complete and unpaired):
+        raise DatasetError(
+            f"{root} has {len(images)} images and {len(depths)} depth images, {len(unpaired)} "
+            f"without a partner{f' (first: {unpaired[0]})' if unpaired else ''}",
+            "name the files with {rgb} and {depth} if their names differ",
+        )
+    pairs = [_pair(root, name, images[name], depths[partner_of[name]]) for name in partner_of]
+    return Listing(tuple(pairs), layout.name, units, len(unpaired))
+
+
+def _pair(root: Path, name: str, image: Path, depth: Path) -> Pair:
+    own = image.parent.with_name("intrinsics") / f"{image.stem}.txt"  # in KITTI's selection
+    part = name.partition("/")[0]
+    return Pair(
+        name,
+        name.rpartition("/")[0],
+        part if part in _PARTS else "",
+        image=image,
+        depth=depth,
+        camera=read_calibration(own)
+        if own.is_file()
+        else _camera_near(image.parent, root, _COLOUR_CAMERAS),
+        depth_camera=_camera_near(depth.parent, root, _DEPTH_CAMERAS),
+    )
+
+
+def _nearest_in_time(images: Mapping[str, Path], depths: Mapping[str, Path]) -> dict[str, str]:
+    """The depth that is nearest in time to each image, and the image to it; {} without stamps."""
+    if not all(map(_TIME.fullmatch, (*images, *depths))):
+        return {}
+    names = list(images), list(depths)
+    image_s, depth_s = (np.array([float(name) for name in side]) for side in names)
+    partner, image_of = _nearest(image_s, depth_s), _nearest(depth_s, image_s)
+    return {
+        names[0][i]: names[1][j]
+        for i, j in enumerate(partner)
+        if image_of[j] == i and abs(image_s[i] - depth_s[j]) <= _MOST_APART_S
+    }
+
+
+def _nearest(times_s: Float64Array, among_s: Float64Array) -> npt.NDArray[np.intp]:
+    """Position in ``among_s`` of the nearest to each time."""
+    order = among_s.argsort()
+    after = among_s[order].searchsorted(times_s)
+    before, after = order[(after - 1).clip(0)], order[after.clip(max=len(order) - 1)]
+    is_before = np.abs(times_s - among_s[before]) <= np.abs(times_s - among_s[after])
+    return np.asarray(np.where(is_before, before, after), np.intp)
+
+
+def _associated(table: Path) -> tuple[Pair, ...]:
+    """Pairs of TUM's list: time and file of each image, time and file of its depth, or reversed."""
+    pairs = []
+    for line in table.read_text("utf-8", "replace").splitlines():
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        if len(words) < 4:  # noqa: PLR2004
+            raise DatasetError(f"{table}: {line!r} is not TIME IMAGE TIME DEPTH")
+        files = [table.parent / words[1], table.parent / words[3]]
+        if "depth" in words[1].lower():
+            files.reverse()
+        pairs.append(_pair(table.parent, files[0].stem, *files))
+    return tuple(pairs)
+
+
+@lru_cache
+def _camera_near(folder: Path, root: Path, names: tuple[str, ...]) -> Intrinsics:
+    """The camera of a file in a folder or one above it, up to ``root``."""
+    for name in names:
+        if (folder / name).is_file():
+            return read_calibration(folder / name)
+    return UNKNOWN_CAMERA if folder == root else _camera_near(folder.parent, root, names)

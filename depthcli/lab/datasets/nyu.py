@@ -1,0 +1,176 @@
+"""NYU Depth v2, labelled set: the official .mat file, or the same pairs as image files.
+
+Files are ``rgb/ID.jpg``, ``depth/ID.png`` (uint16 millimetres), ``index.csv`` with the columns id,
+scene, official_split, and optionally ``raw_depth/ID.png``. The .mat file is MATLAB v7.3, which is
+HDF5 with all axes reversed: ``images`` (N, 3, W, H) uint8, ``depths`` and ``rawDepths`` (N, W, H)
+float32 metres, ``scenes`` references to arrays of uint16 character codes.
+
+Source: Silberman, Hoiem, Kohli and Fergus, "Indoor Segmentation and Support Inference from RGBD
+Images", ECCV 2012.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from depthcli.core.arrays import AnyArray, Float32Array, UInt8Array
+from depthcli.core.options import INSTALL_H5PY, short_repr
+from depthcli.errors import DatasetError
+from depthcli.io.depth.read import AS_STATED, DepthReadOptions
+from depthcli.io.formats.table import MILLIMETRES
+from depthcli.io.storage.paths import read_bytes
+from depthcli.io.tables import CsvTable
+from depthcli.lab.datasets import folders
+from depthcli.lab.datasets.base import DepthDataset, Pair, is_label
+
+MAT_NAME = "nyu_depth_v2_labeled.mat"
+_ENVIRONMENT = "DEPTHCLI_NYU"
+# As loaders of the data set publish them, among them that of torch-uncertainty.
+_WHOLE = "2,972,037,809 bytes, MD5 520609c519fba3ba5ac58c8fefcc3530"
+_PAGE = "https://cs.nyu.edu/~silberman/datasets/nyu_depth_v2.html"
+_DAMAGED = (AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError)
+
+
+@dataclass(frozen=True)
+class NyuMat(DepthDataset):
+    """Pairs read from the .mat file, whose ids are their positions in it."""
+
+    path: Path  #: the file
+    file: Any  #: the open h5py file; reads are one pair at a time
+
+    def image(self, i: int) -> UInt8Array:
+        """Image of pair ``i``: (H, W, 3) RGB uint8."""
+        return np.ascontiguousarray(self._read("images", i).transpose(2, 1, 0), dtype=np.uint8)
+
+    def depth_m(self, i: int) -> Float32Array:
+        """In-filled depth of pair ``i``: (H, W) float32 metres, 0 where there is none."""
+        return np.ascontiguousarray(self._read("depths", i).T, dtype=np.float32)
+
+    def raw_depth_m(self, i: int) -> Float32Array:
+        """Measured depth: (H, W) float32 metres, 0 where nothing was measured."""
+        return np.ascontiguousarray(self._read("rawDepths", i).T, dtype=np.float32)
+
+    def _read(self, name: str, i: int) -> AnyArray:
+        try:
+            return np.asarray(self.file[name][int(self.pairs[i].id)])
+        except _DAMAGED as error:
+            raise DatasetError(f"{self.path} is damaged in {name}[{i}]: fetch it again") from error
+
+
+def open_mat(path: Path) -> NyuMat:
+    """Open the file.
+
+    An index.csv beside it supplies the official split, which the file lacks.
+    """
+    try:
+        import h5py  # noqa: PLC0415 - optional, and only this format needs it
+    except ImportError as error:
+        raise DatasetError(f"reading a .mat file needs h5py: {INSTALL_H5PY}") from error
+    try:
+        file = h5py.File(path, "r")
+        count = min(len(file[name]) for name in ("images", "depths"))
+        references = np.ravel(file["scenes"][()])
+        scenes = ["".join(map(chr, np.ravel(file[one][()]))) for one in references]
+    except _DAMAGED as error:
+        raise DatasetError(
+            f"{path} is not a complete {MAT_NAME}",
+            f"fetch it again if it was cut short (it has {_WHOLE})",
+        ) from error
+    index_path = path.with_name(INDEX_NAME)
+    index = read_index(index_path) if index_path.is_file() else {}
+    known = {pair_id: pair.official_split for pair_id, pair in index.items()}
+    ids = [f"{i:04d}" for i in range(count)]
+    pairs = (Pair(i, scene, known.get(i, "")) for i, scene in zip(ids, scenes, strict=True))
+    return NyuMat(tuple(pairs), path, file)
+
+
+INDEX_NAME = "index.csv"
+PLAUSIBLE_M = (0.8, 9.0)  #: metres × 256 would read as 0.7 m, metres × 4000 as 11 m
+
+_COLUMNS = ("id", "scene", "official_split")
+
+
+def located_nyu(path: Path) -> Path:
+    """A path, or for the name ``nyu`` that of the environment variable ``DEPTHCLI_NYU``."""
+    if path != Path("nyu") or path.exists():
+        return path
+    if _ENVIRONMENT not in os.environ:
+        told = f"{_ENVIRONMENT} does not say where NYU Depth v2 is"
+        raise DatasetError(told, f"set it to {MAT_NAME} ({_WHOLE}) from {_PAGE}")
+    return Path(os.environ[_ENVIRONMENT])
+
+
+def open_nyu(path: Path) -> DepthDataset:
+    """Open the .mat file, a folder that holds it, or one with rgb/, depth/ and index.csv."""
+    path = located_nyu(path)
+    if path.is_file():
+        return open_mat(path)
+    if not path.is_dir():
+        raise DatasetError(
+            f"{path} does not exist", f"give {MAT_NAME} or a folder with rgb/, depth/ and index.csv"
+        )
+    if (path / MAT_NAME).is_file():
+        return open_mat(path / MAT_NAME)
+    if not (path / INDEX_NAME).is_file():
+        raise DatasetError(
+            f"{path} is not NYU Depth v2: it has neither {MAT_NAME} nor {INDEX_NAME}",
+            "compare (exported) models on pairs of your own with 'depthcli eval pairs'",
+        )
+    return open_indexed_folder(path)
+
+
+def is_nyu(folder: Path) -> bool:
+    """Whether a folder holds the .mat file, or an index.csv with NYU's numbers alone as ids."""
+    index = folder / INDEX_NAME
+    if (folder / MAT_NAME).is_file():
+        return True
+    return index.is_file() and all(map(is_label, read_index(index)))
+
+
+def open_indexed_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> folders.FolderDataset:
+    """Open a folder with rgb/, depth/ and index.csv, of NYU Depth v2 or of one's own."""
+    index = read_index(path / INDEX_NAME)
+    if all(map(is_label, index)):
+        known = DepthReadOptions(unstated_scale=MILLIMETRES)
+        dataset = folders.open_paired_folder(path, known, plausible_m=PLAUSIBLE_M)
+        dataset = replace(dataset, notes=())
+    else:
+        dataset = folders.open_paired_folder(path, reading)
+    differing = sorted(set(index) ^ set(dataset.ids))
+    if differing:
+        raise DatasetError(
+            f"{path / INDEX_NAME} lists {len(index)} pairs but the folder holds {len(dataset)} "
+            f"(first difference: {differing[0]})"
+        )
+    named = (
+        replace(pair, scene=index[pair.id].scene, official_split=index[pair.id].official_split)
+        for pair in dataset.pairs
+    )
+    return replace(dataset, pairs=tuple(named))
+
+
+def read_index(path: Path) -> dict[str, Pair]:
+    """Ids, scenes and official split of an index.csv, by id."""
+    with folders.as_dataset_error():
+        table = CsvTable(read_bytes(path), str(path))
+        rows = [row.cells for row in table]
+    missing = [name for name in _COLUMNS if name not in table.columns]
+    if missing:
+        raise DatasetError(f"{path} lacks the column {missing[0]}: needs {', '.join(_COLUMNS)}")
+    index = {row["id"]: _listed_pair(path, row) for row in rows}
+    if len(index) != len(rows):
+        raise DatasetError(f"{path} names {len(rows) - len(index)} ids more than once")
+    return index
+
+
+def _listed_pair(path: Path, row: Mapping[str, str]) -> Pair:
+    part = row["official_split"]
+    if part not in {"train", "test", ""}:
+        raise DatasetError(
+            f"{path} has the official split {short_repr(part)}: it is train, test or empty"
+        )
+    return Pair(row["id"], row["scene"], part)

@@ -1,0 +1,124 @@
+"""Figures of predictions beside input and ground truth, as in the paper's Fig. 2 and 3."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from depthcli.core.arrays import Float32Array, UInt8Array
+from depthcli.core.imageops import resize_area, value_channel
+from depthcli.core.options import Colormap
+from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.types import DepthKind, DepthMap
+from depthcli.errors import UsageError
+from depthcli.io.formats.preview import PreviewWriter, colour_table, contact_sheet, with_legend
+from depthcli.io.images.png import encode_png
+from depthcli.lab.datasets.base import DepthDataset
+from depthcli.lab.evaluation.predictors import Predictor, Sample
+from depthcli.lab.evaluation.protocol import EvalProtocol
+from depthcli.lab.evaluation.task import EvalTask
+from depthcli.lab.metrics.alignment import SUITABLE
+
+PICTURES = 6
+_CELL_WIDTH_PX = 240
+_CLIPPED_PERCENT = 2
+_COLORMAP = Colormap.INFERNO
+_ALL_DEPTH = EvalProtocol(full_size_px=None, min_m=0.0, max_m=np.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One figure."""
+
+    name: str  #: file name without suffix
+    caption: str  #: its caption
+    png: bytes  #: content of the PNG file
+
+
+def choose_pictures(
+    task: EvalTask, ids: Sequence[str] = (), count: int = PICTURES
+) -> tuple[int, ...]:
+    """Positions of the images to show: the given ids, or ``count``, evenly over the scenes."""
+    places = dict(zip(task.ids, task.test, strict=True))
+    unknown = [name for name in ids if name not in places]
+    if unknown:
+        told = f"{unknown[0]} is not among the {len(places)} images that are compared"
+        raise UsageError(told, "take ids of the split's test part")
+    if ids:
+        return tuple(places[name] for name in ids)
+    by_scene = sorted(task.test, key=lambda i: task.dataset.scenes[i])
+    count = min(count, len(by_scene))
+    chosen = np.linspace(0, len(by_scene) - 1, 2 * count + 1)[1::2].round().astype(int)
+    return tuple(sorted(by_scene[k] for k in chosen))
+
+
+class _FigureRow(NamedTuple):
+    picture: UInt8Array  #: (H, W, 3) RGB uint8, gray
+    depths: tuple[DepthMap, ...]  #: prediction of each predictor, then ground truth; metres
+    limits_m: tuple[float, float]  #: near and far end of the colour scale, metres
+
+
+def draw_figures(
+    task: EvalTask,
+    positions: Sequence[int],
+    shown: Sequence[tuple[str, Predictor]],
+    progress: Progress = NO_PROGRESS,
+) -> tuple[Figure, Figure]:
+    """Draw a figure in gray and one in colour: input, a column per predictor, ground truth.
+
+    ``shown`` has the title and the predictor of each column. Every row has the range of its ground
+    truth. Non-metric depth is aligned to it first.
+    """
+    advance, rows = progress.begin("drawing pictures", len(positions)), []
+    for position in positions:
+        rows.append(_figure_row(task.dataset, position, [predictor for _, predictor in shown]))
+        advance(1)
+    columns = ["input", *(title for title, _ in shown), "truth"]
+    ids = ", ".join(task.dataset.ids[i] for i in positions)
+    rule = f"pictures {ids} from top to bottom; each row has the range of its truth"
+    gray, coloured = (
+        encode_png(contact_sheet([_pictures_of_row(row, colours) for row in rows], columns))
+        for colours in (Colormap.GRAY, _COLORMAP)
+    )
+    return (
+        Figure("depth-gray", f"Depth in gray, near is white; {rule}.", gray),
+        Figure("depth-colour", f"Depth in colour; {rule}, on the right.", coloured),
+    )
+
+
+def _figure_row(
+    dataset: DepthDataset, position: int, predictors: Sequence[Predictor]
+) -> _FigureRow:
+    sample, truth_m = Sample(dataset, position), dataset.depth_m(position)
+    picture = np.rint(255 * value_channel(sample.frame.pixels)).astype(np.uint8)
+    maps = [_fit_to_truth(predictor.predict(sample), truth_m) for predictor in predictors]
+    valid_mask = truth_m > 0
+    ends = (_CLIPPED_PERCENT, 100 - _CLIPPED_PERCENT)
+    near, far = np.percentile(truth_m[valid_mask] if valid_mask.any() else 1.0, ends)
+    truth = DepthMap(np.where(valid_mask, truth_m, np.float32(np.nan)))
+    return _FigureRow(
+        np.repeat(picture[..., None], 3, 2), (*maps, truth), (float(near), float(far))
+    )
+
+
+def _fit_to_truth(depth: DepthMap, truth_m: Float32Array) -> DepthMap:
+    """A map of another kind aligned to the ground truth (H, W) float32 metres, 0 for none."""
+    if depth.kind is DepthKind.METRIC:
+        return depth
+    truth, metres = _ALL_DEPTH.truth(truth_m), np.full(truth_m.shape, np.nan, np.float32)
+    pixels = _ALL_DEPTH.compare(depth, truth, SUITABLE[depth.kind][0])
+    metres[truth.valid] = pixels.prediction
+    return DepthMap(metres)
+
+
+def _pictures_of_row(row: _FigureRow, colormap: Colormap) -> list[UInt8Array]:
+    """The cells of a row, of one size; colours have a legend."""
+    (rows, columns), (near, far) = row.picture.shape[:2], row.limits_m
+    writer = PreviewWriter(colormap=colormap, vmin=near, vmax=far)
+    size = _CELL_WIDTH_PX, max(1, round(rows * _CELL_WIDTH_PX / columns))
+    images = (row.picture, *map(writer.render, row.depths))
+    cells = [np.rint(resize_area(i.astype(np.float32), *size)).astype(np.uint8) for i in images]
+    if colormap is not Colormap.GRAY:
+        cells[-1] = with_legend(cells[-1], colour_table(colormap), near, far, DepthKind.METRIC)
+    return cells

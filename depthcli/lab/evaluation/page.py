@@ -1,0 +1,259 @@
+"""The report of an evaluation as text, and as one HTML file without scripts."""
+
+import base64
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
+
+from depthcli.core.options import Part, one_line
+from depthcli.io.depth.metadata import SOFTWARE
+from depthcli.lab.evaluation.figures import Figure
+from depthcli.lab.evaluation.report import (
+    Breakdown,
+    Difference,
+    EvalReport,
+    ReportRow,
+    Source,
+    Training,
+)
+from depthcli.lab.metrics.boundary import HIGHER_IS_BETTER
+from depthcli.lab.metrics.depth import METRICS
+
+_TRAINING = ("paired", "seeds", "epochs", "steps", "minutes", "params", "ms")
+_DECIMALS = {"silog": 2, "dbe_acc": 2, "dbe_comp": 2}
+_FEW_SCENES = 12  # with fewer, simulated intervals hold the true difference in less than 90 %
+_TEXT_COLUMNS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """The text of a report."""
+
+    title: str  #: data set, split, number of images and protocol
+    subtitle: str  #: description of the protocol
+    table: Sequence[Sequence[str]]  #: cells as text, header first
+    notes: Sequence[str]  #: footnotes
+    #: title and cells of further tables: differences from each row that is compared, and parts
+    sections: Sequence[tuple[str, Sequence[Sequence[str]]]] = ()
+    models: Sequence[str] = ()  #: name and checksum of each model, for HTML only
+
+    def to_text(self) -> str:
+        """The report as plain text."""
+        lines = [self.title, self.subtitle, "", *_aligned(self.table)]
+        for title, table in self.sections:
+            lines += ["", title, "", *_aligned(table)]
+        return "\n".join([*lines, "", *self.notes])
+
+
+def report_page(report: EvalReport) -> Page:
+    """The text of a report."""
+    training = _TRAINING if report.has_training else ()
+    header = ["row", "align", *training, "images", "pixels", *report.columns]
+    return Page(
+        report.title,
+        report.protocol.description,
+        [header, *(_row_cells(row, report) for row in report.rows)],
+        _footnotes(report),
+        [*_differences(report.differences), *_parts(report.breakdowns)],
+        _model_checksums(report.rows),
+    )
+
+
+def _row_cells(row: ReportRow, report: EvalReport) -> list[str]:
+    scores = row.items(boundary=report.protocol.boundary)
+    return [
+        one_line(row.name) + ("*" if row.note else ""),
+        row.alignment or "-",
+        *(_training_cells(row.training) if report.has_training else ()),
+        str(row.image_count),
+        str(row.pixel_count or "-"),
+        *(_score_cell(metric, value, row) for metric, value in scores),
+    ]
+
+
+def _score_cell(metric: str, mean: float, row: ReportRow) -> str:
+    std = f"±{_number(metric, row.std[metric])}" if row.std and not math.isnan(mean) else ""
+    return f"{_number(metric, mean)}{std}"
+
+
+def _number(metric: str, value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.{_DECIMALS.get(metric, 4)}f}"
+
+
+def _training_cells(training: Training | None) -> list[str]:
+    if training is None:
+        return ["-"] * len(_TRAINING)
+    return [
+        "yes" if training.paired else "no",
+        str(len(training.seeds)),
+        f"{_min_to_max(training.epochs)}/{training.epochs_planned}",
+        _min_to_max(training.steps),
+        f"{sum(training.minutes) / len(training.minutes):.1f}",
+        f"{training.parameters / 1e6:.2f}M",
+        f"{training.latency_ms:.1f}",
+    ]
+
+
+def _min_to_max(values: Sequence[int]) -> str:
+    low, high = min(values), max(values)
+    return str(low) if low == high else f"{low}-{high}"
+
+
+def _footnotes(report: EvalReport) -> list[str]:
+    metrics = report.columns
+    upward = {name for name, metric in METRICS.items() if metric.higher_is_better}
+    higher = ", ".join(name for name in metrics if name in upward | HIGHER_IS_BETTER)
+    units: dict[str, list[str]] = {}
+    for name in metrics:
+        if name in METRICS and METRICS[name].unit:
+            units.setdefault(METRICS[name].unit, []).append(name)
+    stated = "".join(f"; {' and '.join(names)} in {unit}" for unit, names in units.items())
+    marked = dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note)
+    depths: dict[str, list[str]] = {}
+    for row in report.rows:
+        if row.source is not Source.PUBLISHED:
+            depths.setdefault(row.stated, []).append(one_line(row.name))
+    kinds = (f"{stated} ({', '.join(dict.fromkeys(rows))})" for stated, rows in depths.items())
+    empty = sorted({row.empty_count for row in report.rows} - {0})
+    return [
+        f"higher is better for {higher}, lower for the others{stated}",
+        *([f"predictions: {'; '.join(kinds)}"] if depths else []),
+        *marked,
+        *report.notes,
+        *(f"{count} images have no valid pixel and are excluded" for count in empty),
+    ]
+
+
+def _differences(
+    differences: Sequence[Difference],
+) -> Iterator[tuple[str, list[list[str]]]]:
+    """Title and cells for each row that others are subtracted from, header first.
+
+    There are three lines for each difference: the mean and its interval's bounds.
+    """
+    for name in dict.fromkeys(difference.name for difference in differences):
+        own = [difference for difference in differences if difference.name == name]
+        yield _title(one_line(name), own[0].scene_count), _difference_cells(own)
+
+
+def _title(name: str, scenes: int) -> str:
+    if scenes == 1:
+        return f"{name} minus each row: mean; 1 scene: no interval"
+    few = "; of so few, the intervals are too narrow" if scenes < _FEW_SCENES else ""
+    return f"{name} minus each row: mean and 95 % interval over {scenes} scenes; ! excludes 0{few}"
+
+
+def _difference_cells(differences: Sequence[Difference]) -> list[list[str]]:
+    lines = [["minus", "align", "", *METRICS]]
+    for difference in differences:
+        shown = difference.intervals
+        row = (one_line(difference.other), difference.alignment or "-")
+        lines += [
+            [*row, "mean", *(_signed(i.mean, "!" if i.is_significant else " ") for i in shown)],
+            ["", "", "low", *(_signed(i.low) for i in shown)],
+            ["", "", "high", *(_signed(i.high) for i in shown)],
+        ]
+    return lines
+
+
+def _parts(
+    breakdowns: Sequence[Breakdown],
+) -> Iterator[tuple[str, list[list[str]]]]:
+    """Title and cells of each breakdown, header first."""
+    for breakdown in breakdowns:
+        counted = "pixels" if breakdown.by is Part.DISTANCE else "images"
+        lines = [[str(breakdown.by), "row", counted, *METRICS]]
+        for one in breakdown.scored:
+            scores = (_number(metric, value) for metric, value in one.scores.items())
+            lines.append([one_line(one.part), one_line(one.row), str(one.count), *scores])
+        yield breakdown.title, lines
+
+
+def _signed(value: float, mark: str = " ") -> str:
+    """A number with a last character that keeps the digits of a column in line."""
+    return ("-" if math.isnan(value) else f"{value:+.4f}") + mark
+
+
+def _model_checksums(rows: Sequence[ReportRow]) -> list[str]:
+    models = (model for row in rows for model in row.seeds or (row,))
+    named = (f"{row.name} sha256 {row.model_sha256}" for row in models if row.model_sha256)
+    return list(dict.fromkeys(map(one_line, named)))
+
+
+def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Lines with text columns left-aligned and numbers right-aligned."""
+    widths = [max(len(cell) for cell in column) for column in zip(*table, strict=True)]
+    for cells in table:
+        padded = [
+            cell.ljust(width) if i < _TEXT_COLUMNS else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        ]
+        yield "  ".join(padded).rstrip()
+
+
+_STYLE = """\
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 80rem; padding: 0 1rem;
+       color: #1c1c1c; background: #fff; }
+h1 { font-size: 1.3rem; margin-bottom: 0; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; margin: 1.2rem 0; font-variant-numeric: tabular-nums; }
+th, td { padding: .25rem .7rem; text-align: right; white-space: nowrap; }
+th:first-child, td:first-child { text-align: left; }
+thead th { border-bottom: 2px solid #444; }
+tbody tr:nth-child(even) { background: #f3f3f3; }
+ul { padding-left: 1.2rem; color: #444; }
+figure { margin: 2rem 0; }
+figure img { max-width: 100%; height: auto; }
+figcaption { color: #444; }
+footer { color: #444; font-size: .8rem; overflow-wrap: anywhere; }"""
+
+
+def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
+    """The content of the HTML file, with embedded figures."""
+    lines = [
+        "<!doctype html>",
+        '<html lang="en">',
+        '<head><meta charset="utf-8">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        f"<title>{escape(page.title)}</title>",
+        f"<style>\n{_STYLE}\n</style></head>",
+        "<body>",
+        f"<h1>{escape(page.title)}</h1>",
+        f"<p>{escape(page.subtitle)}</p>",
+        *_table_lines(page.table),
+        *(
+            line
+            for title, table in page.sections
+            for line in (f"<p>{escape(title)}</p>", *_table_lines(table))
+        ),
+        "<ul>",
+        *(f"<li>{escape(note)}</li>" for note in page.notes),
+        "</ul>",
+        *(_figure(figure) for figure in figures),
+        f"<footer>{'<br>'.join(map(escape, (SOFTWARE, *page.models)))}</footer>",
+        "</body></html>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _table_lines(table: Sequence[Sequence[str]]) -> list[str]:
+    header, *rows = table
+    return [
+        '<div class="scroll"><table>',
+        f"<thead><tr>{_tagged('th', header)}</tr></thead>",
+        "<tbody>",
+        *(f"<tr>{_tagged('td', row)}</tr>" for row in rows),
+        "</tbody></table></div>",
+    ]
+
+
+def _tagged(tag: str, texts: Sequence[str]) -> str:
+    return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in texts)
+
+
+def _figure(figure: Figure) -> str:
+    data = base64.b64encode(figure.png).decode("ascii")
+    caption = escape(figure.caption)
+    image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
+    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"

@@ -1,0 +1,177 @@
+"""The evaluation protocol: how predictions are compared with ground truth."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from depthcli.core.arrays import BoolArray, Float32Array, FloatArray
+from depthcli.core.imageops import resize_bilinear
+from depthcli.core.options import AUTO_TILE, Alignment, Averaging, Crop, Mask, Upsampling
+from depthcli.core.types import DepthKind, DepthMap
+from depthcli.errors import DatasetError
+from depthcli.lab.metrics.alignment import align
+from depthcli.lab.metrics.boundary import BoundaryScores, boundary_scores
+from depthcli.lab.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
+
+EIGEN_ROWS = slice(45, 471)
+EIGEN_COLUMNS = slice(41, 601)
+FULL_SIZE_PX = (640, 480)
+_GARG_ROWS, _GARG_COLUMNS = (0.40810811, 0.99189189), (0.03594771, 0.96405229)
+"""Shares of an image of KITTI.
+
+Source: Garg et al., "Unsupervised CNN for Single View Depth Estimation", ECCV 2016.
+"""
+
+# A pixel interpolated from valid pixels only has weight one.
+_MIN_VALID_WEIGHT = 0.9999
+_MIN_INFINITE_WEIGHT = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """The pixels of one image that are evaluated."""
+
+    valid: BoolArray  #: (H, W) bool at the size at which depth is compared
+    depth_m: Float32Array  #: (N,) float32, metres, the depth where ``valid``
+
+
+@dataclass(frozen=True, slots=True)
+class EvalProtocol:
+    """An evaluation protocol; the defaults are the headline protocol."""
+
+    averaging: Averaging = Averaging.IMAGE  #: per image or over pooled pixels
+    crop: Crop = Crop.NONE  #: part of the frame that is evaluated
+    mask: Mask = Mask.FILLED  #: pixels that have ground truth
+    #: (width, height) to which ground truth and prediction are resized before they are compared;
+    #: None for the ground truth's size
+    compare_px: tuple[int, int] | None = None
+    #: upsampling of the models' depth to the picture's size
+    upsampling: Upsampling = Upsampling.BILINEAR
+    #: width of the models' tiles in pixels; None for no tiles, 0 for 3/4 of the width
+    tile_px: int | None = None
+    #: (width, height) that the ground truth must have; None for any
+    full_size_px: tuple[int, int] | None = FULL_SIZE_PX
+    min_m: float = MIN_DEPTH_M  #: smallest depth evaluated, metres; predictions are clamped to it
+    max_m: float = MAX_DEPTH_M  #: largest depth evaluated, metres; predictions are clamped to it
+    #: also compute boundary metrics; this changes neither the other metrics nor the name
+    boundary: bool = field(default=False, compare=False)
+
+    @property
+    def is_headline(self) -> bool:
+        """Whether every choice is the headline's."""
+        return self == HEADLINE
+
+    @property
+    def name(self) -> str:
+        """Short name: "headline", or what differs from it."""
+        tile = "3/4 of the width" if self.tile_px == AUTO_TILE else f"{self.tile_px} px"
+        changes = [
+            (self.averaging != HEADLINE.averaging, f"{self.averaging} average"),
+            (self.crop != HEADLINE.crop, f"{self.crop} crop"),
+            (self.mask != HEADLINE.mask, f"{self.mask}-valid mask"),
+            (self.compare_px is not None, f"compared at {_size_text(self.compare_px)}"),
+            (self.full_size_px != HEADLINE.full_size_px, _size_text(self.full_size_px)),
+            (self.min_m != HEADLINE.min_m, f"min {self.min_m:g} m"),
+            (self.max_m != HEADLINE.max_m, f"max {self.max_m:g} m"),
+            (self.upsampling != HEADLINE.upsampling, f"{self.upsampling} upsampling"),
+            (self.tile_px != HEADLINE.tile_px, f"tiles of {tile}"),
+        ]
+        return ", ".join(text for differs, text in changes if differs) or "headline"
+
+    @property
+    def description(self) -> str:
+        """All choices in one line."""
+        frame = "full frame" if self.crop is Crop.NONE else f"{self.crop} crop"
+        filled = "known depth" if self.full_size_px is None else "in-filled depth"
+        truth = filled if self.mask is Mask.FILLED else "raw-valid depth"
+        average = "mean of images" if self.averaging is Averaging.IMAGE else "pooled pixels"
+        size = _size_text(self.compare_px or self.full_size_px)
+        return f"{truth}, {frame} at {size}, {self.min_m:g} < g < {self.max_m:g} m, {average}"
+
+    def truth(self, depth_m: Float32Array, raw_depth_m: Float32Array | None = None) -> Truth:
+        """Select the pixels of one image to evaluate.
+
+        Depth, and raw depth for the raw-valid mask, are (H, W) float32 metres, 0 for none.
+        """
+        height, width = depth_m.shape
+        if self.full_size_px is not None and (width, height) != self.full_size_px:
+            told = f"the depth is {width}×{height}, not {_size_text(self.full_size_px)}"
+            raise DatasetError(told, "give the data set at its full size")
+        valid = (depth_m > self.min_m) & (depth_m < self.max_m)
+        if raw_depth_m is not None:
+            if raw_depth_m.shape != depth_m.shape:
+                raise DatasetError(f"raw depth is {raw_depth_m.shape} but depth is {depth_m.shape}")
+            valid &= raw_depth_m > 0
+        if self.crop is not Crop.NONE:
+            valid &= _crop(self.crop, depth_m.shape)
+        if self.compare_px is not None:
+            valid = resize_bilinear(valid.astype(np.float32), *self.compare_px) > _MIN_VALID_WEIGHT
+            depth_m = resize_bilinear(depth_m, *self.compare_px)
+        return Truth(valid, _select(depth_m, valid))
+
+    def compare(self, depth: DepthMap, truth: Truth, alignment: Alignment) -> DepthPixels:
+        """Resize a prediction of any size, select the valid pixels, align, and clamp."""
+        height, width = truth.valid.shape
+        values = depth.values
+        if values.shape != truth.valid.shape:
+            least_m = self.max_m if depth.kind is DepthKind.METRIC else -np.inf
+            values = _resized(values, width, height, least_m)
+        predicted: FloatArray = _select(values, truth.valid)
+        turned = False
+        if alignment is not Alignment.NONE or depth.kind is not DepthKind.METRIC:
+            exact = predicted.astype(np.float64), truth.depth_m.astype(np.float64)
+            predicted, turned = align(*exact, alignment, depth.kind)
+        return DepthPixels(truth.depth_m, predicted, self.min_m, self.max_m, is_reversed=turned)
+
+
+HEADLINE = EvalProtocol()
+
+
+def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
+    """Boundary scores of a result of :meth:`EvalProtocol.compare` with the same ground truth."""
+    maps = []
+    for values in (pixels.truth_m, pixels.predicted_m):
+        depth_m = np.ones(truth.valid.shape)
+        depth_m[truth.valid] = values
+        maps.append(depth_m)
+    return boundary_scores(maps[0], maps[1], truth.valid)
+
+
+def _resized(values: Float32Array, width: int, height: int, least: float) -> Float32Array:
+    """Values at another size; infinite where most of the weight is that of infinite ones.
+
+    Elsewhere, infinite ones count as the largest finite one, and at least as ``least``.
+    """
+    infinite = np.isposinf(values)
+    if not infinite.any():
+        return resize_bilinear(values, width, height)
+    # Interpolation turns infinity times zero into NaN.
+    largest = np.max(values, initial=least, where=np.isfinite(values))
+    filled = np.where(infinite, np.float32(largest if np.isfinite(largest) else 0), values)
+    resized = resize_bilinear(filled, width, height)
+    weight = resize_bilinear(infinite.astype(np.float32), width, height)
+    return np.where(weight > _MIN_INFINITE_WEIGHT, np.float32(np.inf), resized)
+
+
+def _select(values: Float32Array, valid: BoolArray) -> Float32Array:
+    """The valid values, (N,); without a copy if all are valid."""
+    return values.ravel() if valid.all() else values[valid]
+
+
+def _size_text(size_px: tuple[int, int] | None) -> str:
+    return "native size" if size_px is None else f"{size_px[0]}×{size_px[1]}"
+
+
+def _crop(crop: Crop, shape: tuple[int, ...]) -> BoolArray:
+    height, width = shape
+    rows, columns = EIGEN_ROWS, EIGEN_COLUMNS
+    if crop is Crop.GARG:
+        rows, columns = (
+            slice(*(int(share * size) for share in shares))
+            for shares, size in ((_GARG_ROWS, height), (_GARG_COLUMNS, width))
+        )
+    elif (width, height) != FULL_SIZE_PX:
+        raise DatasetError(f"the Eigen crop is defined at {_size_text(FULL_SIZE_PX)} only")
+    inside = np.zeros(shape, np.bool_)
+    inside[rows, columns] = True
+    return inside

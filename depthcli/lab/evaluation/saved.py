@@ -1,0 +1,136 @@
+"""Reports that were kept as JSON, and their comparison, paired where the images are the same."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from depthcli.core.options import Alignment, Averaging
+from depthcli.core.validation import FieldError, parsed_json, validated
+from depthcli.errors import UsageError
+from depthcli.io.storage.paths import read_bytes
+from depthcli.lab.evaluation.evaluate import differences_from
+from depthcli.lab.evaluation.protocol import EvalProtocol
+from depthcli.lab.evaluation.report import (
+    Difference,
+    EvalReport,
+    ImageScores,
+    ReportRow,
+    Source,
+    mean_of,
+)
+from depthcli.lab.metrics.depth import METRICS, Metric, Scores
+
+_WORDS = ("name", "description")  # of a protocol, made of its other fields
+
+
+def read_report(path: Path) -> EvalReport:
+    """The report of ``eval --json``, with scores of each image if it has them."""
+    try:
+        document: Any = parsed_json(read_bytes(path))
+        stated, split = document["protocol"], document["split"]
+        own = {name: value for name, value in stated.items() if name not in _WORDS}
+        for name, facts in document.get("metrics", {}).items():
+            metric = Metric(name, lambda _: (math.nan,), float, **facts, is_whole=True)
+            METRICS.setdefault(name, metric)
+        return EvalReport(
+            dataset=document["dataset"],
+            split=split["name"],
+            image_count=split["images"],
+            split_count=split["images_of_complete_split"],
+            train_count=0,
+            protocol=validated(EvalProtocol, own),
+            rows=tuple(_row(row) for row in document["rows"]),
+            notes=tuple(document["notes"]),
+            scenes=document.get("scenes", {}),
+        )
+    except (AttributeError, FieldError, KeyError, TypeError, ValueError) as error:
+        raise UsageError(f"{path} is not a report of 'depthcli eval --json'") from error
+
+
+def _row(row: Mapping[str, Any]) -> ReportRow:
+    return ReportRow(
+        name=row["name"],
+        source=Source(row["source"]),
+        alignment=None if row["align"] is None else Alignment(row["align"]),
+        image_count=row["images"],
+        scores=_scores(row["scores"]),
+        stated=row["depth"],
+        pixel_count=row["pixels"] or 0,
+        note=row.get("note", ""),
+        model_sha256=row.get("model_sha256"),
+        images=tuple(ImageScores(one["id"], _scores(one)) for one in row.get("per_image", ())),
+        train_overlap=row.get("images_trained_on"),
+    )
+
+
+def _scores(values: Mapping[str, Any]) -> Scores:
+    return Scores.of(
+        **{name: math.nan if value is None else value for name, value in values.items()}
+    )
+
+
+def compare_reports(first: Path, second: Path) -> EvalReport:
+    """The rows of two reports, and differences of the first's from the second's.
+
+    If both have scores of each image, all are of the images that both have. Notes of one report
+    alone, and those of its rows, begin with its name: their counts are of its images.
+    """
+    reports = [read_report(first), read_report(second)]
+    one, other = reports
+    for what in ("dataset", "protocol"):
+        if getattr(one, what) != getattr(other, what):
+            raise UsageError(f"{first} and {second} have another {what}", "compare like with like")
+    names = [path.stem for path in (first, second)]
+    labels = names if names[0] != names[1] else [str(first), str(second)]
+    rows = [
+        [
+            replace(row, name=f"{row.name} ({label})", note=row.note and f"{label}: {row.note}")
+            for row in report.rows
+            if row.source in {Source.MODEL, Source.FILES}
+        ]
+        for report, label in zip(reports, labels, strict=True)
+    ]
+    notes = tuple(dict.fromkeys(_notes(reports, labels)))
+    sets = [{image.id for image in row.images} for own in rows for row in own]
+    shared = set.intersection(*sets) if sets else set()
+    if not shared or one.protocol.averaging is Averaging.POOLED:
+        note = "no intervals: both need means over the same images (--json --per-image)"
+        return replace(one, rows=(*rows[0], *rows[1]), notes=(*notes, note))
+    kept = [[_part_of(row, shared) for row in own] for own in rows]
+    scenes = {name: one.scenes.get(name, f"/{name}") for name in shared}
+    return replace(
+        one,
+        image_count=len(shared),
+        rows=(*kept[0], *kept[1]),
+        notes=notes,
+        differences=tuple(_differences(kept[0], kept[1], scenes)),
+        scenes=scenes,
+    )
+
+
+def _notes(reports: Sequence[EvalReport], labels: Sequence[str]) -> Iterator[str]:
+    for report, label in zip(reports, labels, strict=True):
+        for note in report.notes:
+            is_shared = all(note in other.notes for other in reports)
+            yield note if is_shared else f"{label}: {note}"
+
+
+def _part_of(row: ReportRow, shared: set[str]) -> ReportRow:
+    images = sorted((one for one in row.images if one.id in shared), key=lambda one: one.id)
+    if len(images) == len(row.images):
+        return replace(row, images=tuple(images))
+    kept = replace(row, images=tuple(images), image_count=len(images), pixel_count=0)
+    seen = 0 if row.train_overlap == 0 else None  # of some of the images, it is not known
+    return replace(kept, scores=mean_of(images), train_overlap=seen)
+
+
+def _differences(
+    rows: Sequence[ReportRow], others: Sequence[ReportRow], scenes: Mapping[str, str]
+) -> Iterator[Difference]:
+    """Each row minus every other of the same alignment."""
+    groups = {row.name: [one for one in others if one.name == row.name] for row in others}
+    for name in dict.fromkeys(row.name for row in rows):
+        own = [row for row in rows if row.name == name]
+        yield from differences_from(name, {name: own, **groups}, scenes)

@@ -1,0 +1,227 @@
+"""Exporting a checkpoint to an ONNX file and its card, after a parity check."""
+
+import dataclasses
+import hashlib
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from onnx import helper
+
+from depthcli.core.options import Weights
+from depthcli.core.types import DepthKind
+from depthcli.errors import ModelError, UsageError
+from depthcli.io.storage.atomic import Guard, atomic_path
+from depthcli.lab.datasets import base as datasets
+from depthcli.lab.export import graph, int8
+from depthcli.lab.metrics.pixels import MIN_DEPTH_M
+from depthcli.lab.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
+from depthcli.lab.training.provenance import TrainedRun, data_set
+from depthcli.models import card as cards
+from depthcli.models import catalog
+from depthcli.models.card import ModelCard
+
+
+@dataclass(frozen=True, slots=True)
+class ExportOptions:
+    """Options of an export."""
+
+    name: str = "custom"  #: of the model
+    version: str = "1.0.0"  #: of the model
+    half: bool = False  #: store weights as float16; computations are in float32
+    opset: int = graph.OPSET  #: ONNX opset version
+    #: maximum difference between torch and onnxruntime; None for the default
+    tolerance: float | None = None
+    int8_pictures: Path | None = None  #: folder of pictures to calibrate int8; None for no int8
+    license: str = "NOASSERTION"  #: of the weights, an SPDX identifier
+    #: horizontal field of view of the training pictures, degrees; None for that of the checkpoint
+    hfov_deg: float | None = None
+    depth_factor: float = 1.0  #: on depth, which corrects a bias that was measured
+    float_model: str | None = None  #: name of the model that replaces an int8 one off the CPU
+    #: the moving average, if the run has one, or the weights of the last step
+    weights: Weights = Weights.AVERAGED
+
+    @property
+    def max_difference(self) -> float:
+        """Maximum difference that the parity check accepts."""
+        if self.tolerance is not None:
+            return self.tolerance
+        if self.int8_pictures is not None:
+            return graph.INT8_TOLERANCE
+        return graph.FLOAT16_TOLERANCE if self.half else graph.TOLERANCE
+
+
+MODEL_NAME = "model.onnx"
+_FULL_STRIDE = 4
+
+
+def card_path(model: Path) -> Path:
+    """The card of ``model.onnx`` is ``card.json``; ``name.onnx`` has ``name.card.json``."""
+    is_alone = model.name == MODEL_NAME
+    return model.with_name(catalog.CARD_NAME if is_alone else model.stem + catalog.CARD_SUFFIX)
+
+
+def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
+    """The card of a checkpoint's generator, without the facts of the file."""
+    config = saved.config
+    codec = config.output.codec.times(options.depth_factor)
+    hfov_deg = _hfov_deg(options.hfov_deg, saved.provenance.hfov_deg)
+    card = ModelCard(
+        name=options.name,
+        version=options.version,
+        summary=f"{config.method}, {config.generator.name} generator, {saved.provenance.data}",
+        license=options.license,
+        input=cards.InputSpec(
+            colour=cards.Colour(config.data.colour),
+            width=config.data.width,
+            height=config.data.height,
+            dynamic=True,
+            multiple_of=_FULL_STRIDE,
+            fit=cards.Fit.KEEP_ASPECT,
+            mean=(0.5,) * config.data.channels,
+            std=(0.5,) * config.data.channels,
+            prompt=bool(config.generator.prompt),
+            pixel_aspect=round(saved.provenance.aspect * config.data.height / config.data.width, 9),
+        ),
+        output=cards.OutputSpec(
+            kind=DepthKind.METRIC,
+            transform=codec.transform,
+            scale=codec.scale,
+            shift=codec.shift,
+            min_m=config.output.min_m if config.output.coding == "log" else MIN_DEPTH_M,
+            max_m=config.output.max_m,
+        ),
+        camera=None if hfov_deg is None else cards.CameraSpec(hfov_deg),
+        onnx=cards.OnnxSpec(options.opset, graph.IR_VERSION),
+        training=_training_facts(saved, options),
+        float_model=options.float_model,
+    )
+    try:
+        return ModelCard.from_json(card.to_json())
+    except ModelError as error:
+        what, _, _ = str(error).partition(";")
+        raise UsageError(f"{what}; correct the option") from error
+
+
+def _hfov_deg(given: float | None, known: float | None) -> float | None:
+    """The field of view of the training's camera, degrees; None if it is not known."""
+    if given is not None and known is not None and given != known:
+        # Depth from cameras.csv is already scaled to the known camera, whatever the true lens.
+        raise UsageError(
+            f"{given:g}° contradicts the checkpoint, whose depth is that of a camera of {known:g}°",
+            option="hfov_deg",
+        )
+    return known if given is None else given
+
+
+def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]:
+    state, provenance = saved.state, saved.provenance
+    averaged = saved.ema_generator is None or options.weights is Weights.AVERAGED
+    is_int8 = options.int8_pictures is not None
+    seen = provenance.seen_ids
+    nyu = seen.get(datasets.NYU, ())
+    is_new = set(provenance.held_out_ids).isdisjoint(seen.get(data_set(provenance.data), ()))
+    # Parity keeps float16 near the weights that were validated; the others differ from them.
+    is_corrected = options.depth_factor != 1
+    validated = averaged and is_new and not (is_int8 or is_corrected)
+    facts = {
+        "data": provenance.data,
+        "pseudo_labels": provenance.pseudo_labels or None,
+        "init_weights": provenance.init_weights or None,
+        "encoder_weights": provenance.encoder_weights or None,
+        "method": saved.config.method,
+        "seed": saved.config.seed,
+        "pairs": len(provenance.train_ids),
+        "held_out_pairs": len(provenance.held_out_ids),
+        datasets.TRAIN_IDS: datasets.compact(i for i in nyu if i.isdecimal()) if nyu else None,
+        "steps": state.step,
+        "minutes": round(state.seconds / 60, 1),
+        "validation": {
+            name: round(value, 4)
+            for name, value in state.scores.items()
+            if validated and math.isfinite(value)
+        },
+        "weights": None if averaged else str(Weights.RAW),
+        "depth_factor": options.depth_factor if is_corrected else None,
+        "precision": "int8" if is_int8 else "float16" if options.half else None,
+        "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
+    }
+    return {name: value for name, value in facts.items() if value is not None}
+
+
+@dataclass(frozen=True, slots=True)
+class ExportResult:
+    """The result of an export."""
+
+    path: Path  #: the ONNX file
+    card: ModelCard  #: its card, written beside it
+    parity: graph.Parity  #: difference from torch
+
+
+def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> ExportResult:
+    """Export the generator of a checkpoint to an ONNX file, with its card beside it."""
+    own_card = card_path(out)
+    if own_card.is_file() and catalog.file_of_card(own_card) != out.name:
+        raise UsageError(f"{own_card} is not the card of {out.name}; choose another -o")
+    generator, saved = load_generator(checkpoint, options.weights)
+    model = graph.build_graph(generator, opset=options.opset)
+    card = card_of(saved, options)
+    folder = options.int8_pictures
+    pictures = [] if folder is None else int8.calibration_batches(folder, card.input)
+    if pictures:
+        model = int8.quantize(model, pictures, generator)
+    elif options.half:
+        graph.weights_to_float16(model)
+    helper.set_model_props(model, {cards.METADATA_KEY: card.to_json()})
+    data = model.SerializeToString()
+    cases = _parity_cases(card.input)[: 1 if pictures else None]
+    parity = graph.check_parity(generator, data, cases, options.max_difference, pictures)
+    card = dataclasses.replace(
+        card, file=out.name, sha256=hashlib.sha256(data).hexdigest(), size_bytes=len(data)
+    )
+    guard = Guard.of([checkpoint], overwrite=True)
+    with (  # both are written before either is renamed, as old and new ones do not match
+        atomic_path(out, guard=guard) as path,
+        atomic_path(own_card, guard=guard) as card_file,
+    ):
+        path.write_bytes(data)
+        card_file.write_text(card.to_json(), "utf-8")
+    return ExportResult(out, card, parity)
+
+
+def _parity_cases(spec: cards.InputSpec) -> tuple[tuple[int, int, int], ...]:
+    """(batch, height, width): nominal size, a batch, other aspect ratios, a larger size."""
+    height, width = spec.height, spec.width
+    half = max(spec.multiple_of, height // 2 // spec.multiple_of * spec.multiple_of)
+    return (
+        (1, height, width),
+        (3, height, width),
+        (1, width, height),
+        (2, half, width),
+        (1, 2 * height, 2 * width),
+    )
+
+
+def find_runs(folder: Path) -> tuple[Path, ...]:
+    """The folder itself or its subfolders that have a checkpoint, sorted by name."""
+    if (folder / CHECKPOINT).is_file():
+        return (folder,)
+    found = tuple(sorted(path.parent for path in folder.glob(f"*/{CHECKPOINT}")))
+    if not found:
+        raise UsageError(f"{folder} holds no run of 'depthcli train'")
+    return found
+
+
+def open_run(folder: Path) -> TrainedRun:
+    """Facts about a run from its checkpoint."""
+    generator, saved = load_generator(folder / CHECKPOINT)
+    parameters = sum(weights.numel() for weights in generator.parameters())
+    return TrainedRun(folder, saved.config, saved.state, saved.provenance, parameters)
+
+
+def export_run(run: TrainedRun, folder: Path, weights: Weights = Weights.AVERAGED) -> Path:
+    """Export a run's model into a folder, and return the path of its file."""
+    options = ExportOptions(name=run.name, weights=weights)
+    return export_checkpoint(run.folder / CHECKPOINT, folder / f"{run.name}.onnx", options).path

@@ -1,0 +1,218 @@
+"""The depth metrics: one function each, and the table that every report is made from.
+
+A metric is ``finish`` of the mean over pixels, whose sum its function returns. With sum and
+``finish`` apart, one definition serves per-image and pooled averaging, and parts of an image.
+
+To add a metric, write one function under ``@_metric``; tables, JSON and CSV follow.
+
+Source: Eigen, Puhrsch and Fergus, "Depth Map Prediction from a Single Image using a Multi-Scale
+Deep Network", NeurIPS 2014, and the KITTI depth benchmark for ``silog``.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import reduce
+from itertools import chain, repeat
+from typing import Self, TypeAlias
+
+import cv2
+import numpy as np
+
+from depthcli.core.arrays import Float64Array
+from depthcli.core.options import Averaging
+from depthcli.errors import UsageError
+from depthcli.lab.metrics.pixels import DepthPixels
+
+_MAX_DOT = 10_000  # with more elements, OpenBLAS starts its own threads
+
+
+def _product(left: Float64Array, right: Float64Array) -> float:
+    """Σ left · right, in steps that are too short for the library to start threads."""
+    starts = range(0, len(left), _MAX_DOT)
+    return float(sum(np.dot(left[i : i + _MAX_DOT], right[i : i + _MAX_DOT]) for i in starts))
+
+
+Sums: TypeAlias = Callable[[DepthPixels], tuple[float, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """One row of the table."""
+
+    name: str  #: the field's name for it, also the key in JSON and CSV
+    sums: Sums  #: of the per-pixel quantities
+    finish: Callable[..., float]  #: the value from their means, in the same order
+    higher_is_better: bool  #: direction of improvement
+    unit: str  #: of the value, as tables state it; empty if it has none
+    is_whole: bool = False  #: whether ``sums`` takes all pixels at once, not parts of them
+
+
+METRICS: dict[str, Metric] = {}  #: every metric by name, in the order of the table's columns
+
+
+def _metric(
+    finish: Callable[..., float] = float, *, higher_is_better: bool = False, unit: str = ""
+) -> Callable[[Sums], Metric]:
+    """Enter a function in :data:`METRICS` by its name; its value is the mean by default."""
+
+    def register(sums: Sums) -> Metric:
+        metric = Metric(sums.__name__, sums, finish, higher_is_better, unit)
+        METRICS[metric.name] = metric
+        return metric
+
+    return register
+
+
+@_metric()
+def abs_rel(pixels: DepthPixels) -> tuple[float, ...]:
+    """Mean |g − p| / g."""
+    return (cv2.norm(pixels.relative_error, cv2.NORM_L1),)
+
+
+@_metric(unit="metres")
+def sq_rel(pixels: DepthPixels) -> tuple[float, ...]:
+    """Mean (g − p)² / g, in metres."""
+    return (_product(pixels.error_m, pixels.relative_error),)
+
+
+@_metric(math.sqrt, unit="metres")
+def rmse(pixels: DepthPixels) -> tuple[float, ...]:
+    """√ mean (g − p)², in metres."""
+    return (cv2.norm(pixels.error_m, cv2.NORM_L2SQR),)
+
+
+@_metric(math.sqrt)
+def rms_log(pixels: DepthPixels) -> tuple[float, ...]:
+    """√ mean (ln g − ln p)²."""
+    return (pixels.squared_log_error,)
+
+
+@_metric()
+def log10(pixels: DepthPixels) -> tuple[float, ...]:
+    """Mean |log₁₀ g − log₁₀ p|."""
+    return (cv2.norm(pixels.log_error, cv2.NORM_L1) / math.log(10),)
+
+
+def _within(pixels: DepthPixels, ratio: float) -> tuple[float, ...]:
+    below, too_near = pixels.ratio < ratio, pixels.ratio <= 1 / ratio  # g / p ≥ the ratio
+    return (float(np.count_nonzero(below) - np.count_nonzero(too_near)),)
+
+
+@_metric(higher_is_better=True)
+def d1(pixels: DepthPixels) -> tuple[float, ...]:
+    """Share of pixels with max(g/p, p/g) < 1.25."""
+    return _within(pixels, 1.25)
+
+
+@_metric(higher_is_better=True)
+def d2(pixels: DepthPixels) -> tuple[float, ...]:
+    """Share of pixels with max(g/p, p/g) < 1.25²."""
+    return _within(pixels, 1.25**2)
+
+
+@_metric(higher_is_better=True)
+def d3(pixels: DepthPixels) -> tuple[float, ...]:
+    """Share of pixels with max(g/p, p/g) < 1.25³."""
+    return _within(pixels, 1.25**3)
+
+
+def _silog(mean: float, mean_of_squares: float) -> float:
+    # For an exact scaling, rounding can give a value just below zero.
+    return 100 * math.sqrt(max(0.0, mean_of_squares - mean**2))
+
+
+@_metric(_silog)
+def silog(pixels: DepthPixels) -> tuple[float, ...]:
+    """100 · standard deviation of ln p − ln g, which does not depend on the scale."""
+    return float(pixels.log_error.sum()), pixels.squared_log_error
+
+
+def add_metric(name: str, function: Callable[[Float64Array, Float64Array], float]) -> None:
+    """Enter a function of true and predicted metres, (N,) float64 of the pixels of an image each.
+
+    Its attributes ``higher_is_better`` and ``unit`` describe it. Over the pixels of several images,
+    the mean of its values is weighted by their numbers of pixels.
+    """
+    if name in METRICS and not METRICS[name].is_whole:
+        raise UsageError(f"there is a metric {name}", "rename the function", option="metric")
+
+    def sums(pixels: DepthPixels) -> tuple[float, ...]:
+        count = len(pixels)
+        return (count * float(function(pixels.truth_m, pixels.predicted_m)) if count else 0.0,)
+
+    higher, unit = getattr(function, "higher_is_better", False), getattr(function, "unit", "")
+    METRICS[name] = Metric(name, sums, float, higher, unit, is_whole=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """One value for every metric of :data:`METRICS`, in its order; NaN for one added later."""
+
+    values: tuple[float, ...]
+
+    @classmethod
+    def of(cls, **named: float) -> Self:
+        """Scores by name; NaN for every metric that is not named."""
+        return cls(tuple(named.get(name, math.nan) for name in METRICS))
+
+    def __getitem__(self, name: str) -> float:
+        return dict(self.items())[name]
+
+    def items(self) -> Iterator[tuple[str, float]]:
+        """(name, value) of every metric."""
+        return zip(METRICS, chain(self.values, repeat(math.nan)), strict=False)
+
+
+def finite_or_none(scores: Iterable[tuple[str, float]]) -> dict[str, float | None]:
+    """Scores by name for JSON; those that are not finite are None."""
+    return {name: value if math.isfinite(value) else None for name, value in scores}
+
+
+@dataclass(frozen=True, slots=True)
+class PixelSums:
+    """Sums of every metric, which can be computed in parallel and added."""
+
+    pixel_count: int  #: how many pixels
+    sums: tuple[tuple[float, ...], ...]  #: those of each metric, in the order of the table
+
+    @classmethod
+    def of(cls, pixels: DepthPixels) -> Self:
+        """Sums over the pixels of one image; thread-safe."""
+        whole, others = ([m for m in METRICS.values() if m.is_whole is x] for x in (True, False))
+        parts = [[metric.sums(part) for metric in others] for part in pixels.parts()]
+        columns = zip(*parts, strict=True)
+        sums = tuple(tuple(map(sum, zip(*column, strict=True))) for column in columns)
+        return cls(len(pixels), (*sums, *(metric.sums(pixels) for metric in whole)))
+
+    def __add__(self, other: Self) -> Self:
+        pairs = zip(self.sums, other.sums, strict=True)
+        added = tuple(tuple(a + b for a, b in zip(x, y, strict=True)) for x, y in pairs)
+        return type(self)(self.pixel_count + other.pixel_count, added)
+
+    def scores(self) -> Scores:
+        """Every metric over these pixels; NaN if there are none."""
+        if not self.pixel_count:
+            return Scores.of()
+        metrics = zip(METRICS.values(), self.sums, strict=True)
+        return Scores(tuple(m.finish(*(s / self.pixel_count for s in sums)) for m, sums in metrics))
+
+
+def mean_scores(images: Iterable[PixelSums], averaging: Averaging = Averaging.IMAGE) -> Scores:
+    """Average over the images with a valid pixel; NaN for every metric if none has one.
+
+    >>> import numpy as np
+    >>> from depthcli.lab.metrics.pixels import DepthPixels
+    >>> truth = np.array([1.0, 2.0, 4.0])
+    >>> round(mean_scores([PixelSums.of(DepthPixels.of(truth, truth * 1.1))])["abs_rel"], 6)
+    0.1
+    """
+    known = [sums for sums in images if sums.pixel_count]
+    if not known:
+        return Scores.of()
+    if averaging is Averaging.POOLED:
+        return reduce(PixelSums.__add__, known).scores()
+    total = (0.0,) * len(METRICS)
+    for sums in known:  # sum() rounds otherwise from Python 3.12 on
+        total = tuple(a + b for a, b in zip(total, sums.scores().values, strict=True))
+    return Scores(tuple(value / len(known) for value in total))

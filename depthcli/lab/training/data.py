@@ -1,0 +1,269 @@
+"""Batches of network inputs and metric depth, from pairs in memory.
+
+A batch depends on (seed, step) only, so a resumed run gets the same ones as an unbroken one.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Self
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from depthcli.core.camera import focal_px_of_hfov
+from depthcli.core.imageops import filled_nearest
+from depthcli.core.parallel import ordered_map, usable_cores
+from depthcli.errors import DatasetError, UsageError
+from depthcli.lab.datasets.base import DepthDataset
+from depthcli.lab.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG
+from depthcli.lab.training.augment import Views, augment, to_network_input, view_size
+from depthcli.lab.training.config import DataConfig, PromptConfig
+from depthcli.lab.training.prompts import drawn_prompts
+
+# One half, less a margin for rounding.
+_LEAST_SHARE = 0.5 - 1e-5
+
+
+def downsample(
+    depth_m: npt.NDArray[np.float32], size: tuple[int, int]
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_] | None] | None:
+    """Downsample depth to a width and height by the mean of what was measured in each new pixel.
+
+    Of (H, W) float32 metres with 0, NaN or infinity in holes, it is (h, w) metres, in a hole those
+    of the nearest valid pixel, and the mask of valid pixels, of whose area at least half was
+    measured, or None if all are; None if no pixel is.
+    """
+    valid_mask = np.isfinite(depth_m) & (depth_m > 0)
+    if valid_mask.all():
+        return _area(depth_m, size), None
+    share = _area(valid_mask.astype(np.float32), size)
+    total_m = _area(np.where(valid_mask, depth_m, np.float32(0)), size)
+    measured = share >= _LEAST_SHARE
+    if not measured.any():
+        return None
+    mean_m = np.divide(total_m, share, out=total_m, where=measured)
+    return filled_nearest(mean_m, measured), None if measured.all() else measured
+
+
+def _area(values: npt.NDArray[np.float32], size: tuple[int, int]) -> npt.NDArray[np.float32]:
+    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def tan_half_fov(dataset: DepthDataset, i: int, shape: tuple[int, ...]) -> tuple[float, float]:
+    """Tangents of half the angles of view of picture ``i``, across and down, for square pixels.
+
+    If its camera is not known, it is taken for the largest crop of one of NYU's pictures, in
+    landscape or portrait, as predictions do (docs/cameras.md). ``shape`` begins with the height and
+    width of the picture, or of its depth.
+    """
+    height, width = shape[:2]
+    long_px = max(width, height, NYU_ASPECT * min(width, height))
+    focal_px = long_px * focal_px_of_hfov(NYU_HFOV_DEG, 1)
+    if dataset.focal_px:
+        focal_px = dataset.focal_px[i]
+    elif dataset.hfov_deg is not None:
+        focal_px = focal_px_of_hfov(dataset.hfov_deg, width)
+    return width / 2 / focal_px, height / 2 / focal_px
+
+
+_STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
+
+
+_MEMORY_SHARE = 0.5  # of a GPU's free memory that pairs may take; networks need the rest
+_Pair = tuple[
+    npt.NDArray[np.uint8],
+    npt.NDArray[np.float32],
+    npt.NDArray[np.bool_] | None,
+    list[tuple[float, float]],
+]
+
+
+class PairStore:
+    """Pairs of a data set, downsampled once and kept in memory.
+
+    Attributes:
+        rgb: (N, 3, h, w) uint8.
+        depth_m: (N, 1, h, w) float16 metres, exact to 5 mm below 10 m; holes are filled.
+        valid_mask: (N, 1, h, w) bool, False in the holes; None if no pair has one.
+        tan_half_fov: (N, 2, 2) float64, of each picture and of its depth, which differ only in
+            unpaired data: the tangent of half the angle of view, across and down.
+    """
+
+    def __init__(self, dataset: DepthDataset, positions: Sequence[int], data: DataConfig) -> None:
+        if not positions:
+            advice = "check the data folder, data.holdout_every and data.holdout_offset"
+            raise DatasetError("no pair to train on", advice)
+        size = _stored_size(dataset.image(positions[0]).shape, data)
+        shape = (len(positions), 3, size[1], size[0])
+        self.rgb = torch.empty(shape, dtype=torch.uint8)
+        self.depth_m = torch.empty((len(positions), 1, *shape[2:]), dtype=torch.float16)
+        self.valid_mask: Tensor | None = None
+        self.tan_half_fov = torch.empty((len(positions), 2, 2), dtype=torch.float64)
+        pairs = ordered_map(
+            lambda position: self._pair(dataset, position, size), positions, workers=usable_cores()
+        )
+        for row, (rgb, depth_m, measured, halves) in enumerate(pairs):
+            self.tan_half_fov[row] = torch.tensor(halves, dtype=torch.float64)
+            self.rgb[row] = torch.from_numpy(rgb).permute(2, 0, 1)
+            self.depth_m[row, 0] = torch.from_numpy(depth_m)
+            if measured is not None:
+                if self.valid_mask is None:
+                    self.valid_mask = torch.ones(self.depth_m.shape, dtype=torch.bool)
+                self.valid_mask[row, 0] = torch.from_numpy(measured)
+
+    @staticmethod
+    def _pair(dataset: DepthDataset, position: int, size: tuple[int, int]) -> _Pair:
+        image, depth_m = dataset.image(position), dataset.depth_m(position)
+        filled = downsample(depth_m, size)
+        if filled is None:
+            raise DatasetError(
+                f"pair {dataset.ids[position]} has almost no depth", "remove or repair it"
+            )
+        halves = [tan_half_fov(dataset, position, pixels.shape) for pixels in (image, depth_m)]
+        rgb = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+        return rgb, *filled, halves
+
+    def to(self, device: torch.device) -> Self:
+        """Move the pairs to a GPU whose free memory is at least twice their size."""
+        maps = [
+            values for values in (self.rgb, self.depth_m, self.valid_mask) if values is not None
+        ]
+        size = sum(values.nbytes for values in maps)
+        if device.type == "cuda" and _MEMORY_SHARE * torch.cuda.mem_get_info(device)[0] > size:
+            self.rgb, self.depth_m = self.rgb.to(device), self.depth_m.to(device)
+            self.valid_mask = None if self.valid_mask is None else self.valid_mask.to(device)
+        return self
+
+    def __len__(self) -> int:
+        return len(self.rgb)
+
+
+def _stored_size(shape: tuple[int, ...], data: DataConfig) -> tuple[int, int]:
+    """Width and height in memory: up to twice the network's size, at most about the picture's."""
+    most = min(_STORED_PER_NETWORK_PX, max(1.0, shape[1] / data.width, shape[0] / data.height))
+    return round(data.width * most), round(data.height * most)
+
+
+def whole_images(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
+    """Network inputs (B, 1, H, W) in [-1, 1] of stored pairs (B,) int64, without augmentation."""
+    rgb = store.rgb[rows].float() / 255
+    size = (data.height, data.width)
+    gray = to_network_input(rgb, data)  # before resampling, as at inference
+    return torch.nn.functional.interpolate(gray, size=size, mode="area")
+
+
+class TrainingBatch(NamedTuple):
+    """The input of one training step."""
+
+    network_input: Tensor  #: (B, 1, H, W) float32 in [-1, 1]
+    #: (B, 1, H, W) float32 metres, holes filled; of other scenes if unpaired
+    depth_m: Tensor
+    #: (B, 1, H, W) bool, False in the holes; None if there are none
+    valid_mask: Tensor | None = None
+    #: (B,) bool, True for pseudo labels; None if there are none
+    is_pseudo_label: Tensor | None = None
+    #: (B, 1, H, W) float32 metres of known depth, 0 elsewhere; None if the method takes none
+    prompt_m: Tensor | None = None
+
+    def parts(self, count: int) -> list["TrainingBatch"]:
+        """Up to ``count`` batches of neighbouring images, of about equal numbers."""
+        columns = ([None] * count if one is None else one.chunk(count) for one in self)
+        return [TrainingBatch(*rows) for rows in zip(*columns, strict=False)]
+
+
+class Batches:
+    """The batches of a run, by step, augmented on its device.
+
+    Of each batch, ``data.pseudo_label_share`` are pseudo labels, if there are any. An epoch is a
+    pass through ``store``, whose last incomplete batch is dropped. Of each view, known
+    depth is drawn as ``prompts`` says, if it is given.
+    """
+
+    def __init__(
+        self,
+        store: PairStore,
+        data: DataConfig,
+        batch_size: int,
+        seed: int,
+        device: torch.device,
+        pseudo_labels: PairStore | None = None,
+        prompts: PromptConfig | None = None,
+    ) -> None:
+        self.store, self.data, self.seed, self.device = store, data, seed, device
+        self.pseudo_labels, self.prompts = pseudo_labels, prompts
+        count = round(batch_size * data.pseudo_label_share) if pseudo_labels else 0
+        if pseudo_labels and not 0 < count < min(batch_size, len(pseudo_labels) + 1):
+            share, have = data.pseudo_label_share, len(pseudo_labels)
+            told = f"data.pseudo_label_share={share} is {count} of {batch_size} pairs of a batch"
+            raise UsageError(told, f"it has to be at least 1, and leave pairs; there are {have}")
+        self._pseudo_label_count = count
+        self.batch_size = min(batch_size - count, len(store))
+        self.steps_per_epoch = len(store) // self.batch_size
+
+    def __getitem__(self, step: int) -> TrainingBatch:
+        """Batch of a step, counted from 0 over the whole run."""
+        random = torch.Generator().manual_seed(_stream_seed(self.seed, step, 1))
+        size = view_size(self.data, random)
+        rows = self._rows(self.store, step, self.batch_size, stream=2)
+        views = self._augmented(self.store, rows, size, random)
+        if not self.data.paired:
+            rows = self._rows(self.store, step, self.batch_size, stream=3)
+            others = self._augmented(self.store, rows, size, random, part=1)
+            views = Views(views.network_input, others.depth_m, others.valid_mask)
+        if self.prompts is not None:
+            drawn = drawn_prompts(views, self.prompts, _stream(self.seed, step, 5))
+            return TrainingBatch(*views, prompt_m=drawn)
+        if self.pseudo_labels is None:
+            return TrainingBatch(*views)
+        pseudo_label_rows = self._rows(self.pseudo_labels, step, self._pseudo_label_count, stream=4)
+        more = self._augmented(self.pseudo_labels, pseudo_label_rows, size, random)
+        return _concatenated(views, more)
+
+    def _rows(self, store: PairStore, step: int, size: int, stream: int) -> Tensor:
+        """Rows (``size``,) int64 of a step; the store is shuffled anew for each epoch."""
+        epoch, index = divmod(step, len(store) // size)
+        random = torch.Generator().manual_seed(_stream_seed(self.seed, epoch, stream))
+        order = torch.randperm(len(store), generator=random)
+        return order[index * size : (index + 1) * size]
+
+    def _augmented(
+        self,
+        store: PairStore,
+        rows: Tensor,
+        size: tuple[int, int],
+        random: torch.Generator,
+        part: int = 0,
+    ) -> Views:
+        """Views with the geometry of the pictures (``part`` 0) or of the depth (1)."""
+        halves = store.tan_half_fov[rows, part]
+        rows = rows.to(store.rgb.device)
+        rgb = store.rgb.index_select(0, rows).to(self.device).float().div_(255)
+        depth_m = store.depth_m.index_select(0, rows).to(self.device).float()
+        valid_mask = None if store.valid_mask is None else store.valid_mask[rows].to(self.device)
+        return augment(rgb, depth_m, self.data, random, valid_mask, size, halves)
+
+
+def _concatenated(views: Views, more: Views) -> TrainingBatch:
+    masks = [
+        torch.ones_like(one.depth_m, dtype=torch.bool) if one.valid_mask is None else one.valid_mask
+        for one in (views, more)
+    ]
+    is_whole = views.valid_mask is None and more.valid_mask is None
+    own, labels = len(views.network_input), len(more.network_input)
+    is_pseudo_label = torch.arange(own + labels) >= own
+    return TrainingBatch(
+        torch.cat([views.network_input, more.network_input]),
+        torch.cat([views.depth_m, more.depth_m]),
+        None if is_whole else torch.cat(masks),
+        is_pseudo_label.to(views.network_input.device),
+    )
+
+
+def _stream_seed(seed: int, count: int, stream: int) -> int:
+    return int(_stream(seed, count, stream).generate_state(1, np.uint64)[0] >> 1)
+
+
+def _stream(seed: int, count: int, stream: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence((seed, count, stream))

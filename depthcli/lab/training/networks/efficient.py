@@ -1,0 +1,169 @@
+"""An encoder-decoder that is fast on CPUs: residual blocks, batch norm, skip connections."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
+
+
+class DecodingGenerator(nn.Module):
+    """Network input to raw depth at half its size, from the feature maps of an encoder.
+
+    Subclasses build their encoder, call :meth:`_add_decoder`, and define :meth:`_encode`.
+    """
+
+    TAPS: Sequence[str] = ("stride2", "stride4", "stride8", "stride16")
+
+    def _add_decoder(
+        self, encoder: Sequence[int], decoder: Sequence[int], dropout: float, *, norm: bool
+    ) -> None:
+        """Build the decoder for the channels of :meth:`_encode`, of which 0 stands for no map."""
+        self.encoder_channels, self.decoder_channels = tuple(encoder), tuple(decoder)
+        deepest = encoder[-1]
+        self.whole_picture = nn.Linear(deepest, deepest)
+        self.dropout = nn.Dropout2d(dropout)
+        inner = (deepest, *decoder)
+        self.fusions = nn.ModuleList(
+            ConvNorm(below + skip, width, norm=norm)
+            for below, skip, width in zip(inner, reversed(encoder[:-1]), decoder, strict=False)
+        )
+        self.head = nn.Conv2d(decoder[-1], 1, 3, padding=1)
+        nn.init.zeros_(self.head.weight)
+        nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
+
+    @abstractmethod
+    def _encode(self, x: Tensor) -> tuple[list[Tensor | None], Tensor]:
+        """Feature maps at strides 2, 4, 8, 16, which may be missing, and at stride 32."""
+
+    def tap_channels(self, tap: str) -> int:
+        """Channels of a named feature map."""
+        return self.encoder_channels[DecodingGenerator.TAPS.index(tap)]
+
+    def features(self, x: Tensor, taps: Sequence[str] = TAPS) -> list[Tensor]:
+        """Encoder feature maps of x (B, C, H, W) for the given taps."""
+        maps = dict(zip(DecodingGenerator.TAPS, self._encode(x)[0], strict=True))
+        return [found for tap in taps if (found := maps[tap]) is not None]
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Raw depth (B, 1, ceil(H/2), ceil(W/2)) of x (B, C, H, W) in [-1, 1]."""
+        return self.head(self.maps(x)[1][-1])  # type: ignore[no-any-return]
+
+    def maps(self, x: Tensor) -> tuple[list[Tensor | None], list[Tensor]]:
+        """Feature maps of x (B, C, H, W): the encoder's at strides 2, 4, 8, 16, the decoder's.
+
+        The decoder's are at strides 32, 16, 8, 4, 2; those of the encoder may be missing.
+        """
+        skips, y = self._encode(x)
+        y = y + self.whole_picture(y.mean((2, 3)))[:, :, None, None]
+        y = self.dropout(y)
+        maps = [y]
+        for fusion, skip in zip(self.fusions, reversed(skips), strict=True):
+            if skip is None:
+                y = fusion(F.interpolate(y, scale_factor=2.0, mode="bilinear"))
+            else:
+                y = fusion(torch.cat([resized(y, skip), skip], 1))
+            maps.append(y)
+        return skips, maps
+
+
+def resized(x: Tensor, like: Tensor) -> Tensor:
+    """Bilinear interpolation of x (B, C, H, W) at the height and width of another map."""
+    if torch.onnx.is_in_onnx_export():
+        exported: Tensor = _Resized.apply(x, like)  # type: ignore[no-untyped-call]
+        return exported
+    return F.interpolate(x, size=like.shape[2:], mode="bilinear", align_corners=False)
+
+
+class _Resized(torch.autograd.Function):
+    """Four operators in the exported graph in place of ten, most of them of the size."""
+
+    @staticmethod
+    def forward(_: Any, x: Tensor, like: Tensor) -> Tensor:  # noqa: ANN401
+        return F.interpolate(x, size=like.shape[2:], mode="bilinear", align_corners=False)
+
+    @staticmethod
+    def symbolic(graph: Any, x: Any, like: Any) -> Any:  # noqa: ANN401
+        shapes = graph.op("Shape", x, end_i=2), graph.op("Shape", like, start_i=2)
+        none = graph.op("Constant", value_t=torch.tensor([], dtype=torch.float32))
+        sizes = graph.op("Concat", *shapes, axis_i=0)
+        made = graph.op("Resize", x, none, none, sizes, mode_s="linear")
+        made.setType(x.type())
+        return made
+
+
+class EfficientGenerator(DecodingGenerator):
+    """Gray picture to raw depth at half the picture's size.
+
+    The arguments are fields of :class:`~depthcli.lab.training.config.GeneratorConfig`; convolutions
+    without batch norm have biases.
+    """
+
+    def __init__(
+        self,
+        encoder: Sequence[int],
+        decoder: Sequence[int],
+        depths: Sequence[int],
+        dropout: float,
+        *,
+        norm: bool,
+    ) -> None:
+        super().__init__()
+        self.stem = ConvNorm(1, encoder[0], stride=2, norm=norm)
+        self.stages = nn.ModuleList(
+            nn.Sequential(
+                ResidualBlock(below, width, stride=2, norm=norm),
+                *(ResidualBlock(width, width, norm=norm) for _ in range(depth - 1)),
+            )
+            for below, width, depth in zip(encoder, encoder[1:], depths, strict=False)
+        )
+        self._add_decoder(encoder, decoder, dropout, norm=norm)
+
+    def _encode(self, x: Tensor) -> tuple[list[Tensor | None], Tensor]:
+        maps = [self.stem(x)]
+        for stage in self.stages:
+            maps.append(stage(maps[-1]))
+        return [*maps[:-1]], maps[-1]
+
+
+class ConvNorm(nn.Sequential):
+    """Convolution, optionally batch norm, and ReLU unless disabled."""
+
+    def __init__(
+        self,
+        inputs: int,
+        outputs: int,
+        size: int = 3,
+        stride: int = 1,
+        *,
+        norm: bool,
+        relu: bool = True,
+    ) -> None:
+        layers: list[nn.Module] = [
+            nn.Conv2d(inputs, outputs, size, stride, size // 2, bias=not norm),
+            nn.BatchNorm2d(outputs) if norm else nn.Identity(),
+        ]
+        if relu:
+            layers.append(nn.ReLU(inplace=True))
+        super().__init__(*layers)
+
+
+class ResidualBlock(nn.Module):
+    """Two 3×3 convolutions added to their input."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1, *, norm: bool) -> None:
+        super().__init__()
+        self.body = nn.Sequential(
+            ConvNorm(inputs, outputs, stride=stride, norm=norm),
+            ConvNorm(outputs, outputs, norm=norm, relu=False),
+        )
+        straight = inputs == outputs and stride == 1
+        self.skip: nn.Module = nn.Identity()
+        if not straight:
+            self.skip = ConvNorm(inputs, outputs, 1, stride, norm=norm, relu=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, inputs, H, W) to (B, outputs, H/stride, W/stride)."""
+        return F.relu(self.body(x) + self.skip(x))

@@ -1,0 +1,210 @@
+"""Known points beside a predicted map: their differences, and a learned interpolation of them."""
+
+import math
+from typing import Any
+
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
+
+from depthcli.lab.training.losses import full_precision
+
+LEAST = 1e-6
+GAIN = 10.0
+"""Of differences of coded depth, which are small, to the scale of other features."""
+FOLLOWED = 3.0
+"""Logit of the share of what points say that is followed at first."""
+HEADS = 2  # of the interpolation
+_KEY_CHANNELS = 16
+_DISTANCES = (0.3, 0.08)  # standard deviations of the heads at first, in widths
+_NOTHING = -2.5  # logit of no correction at first
+_NO_TRUST, _LEAST_BELIEF = 1e-9, 1e-3  # weights of cells without points, and with wrong ones
+_SPREAD, _ERROR_SPREAD = 0.3, 0.15  # of points around their mean and around others, at first
+_SELF = -1e4  # logit of a cell for itself, where it is left out
+_LEAST_LOGIT = -60.0  # of less, softmax makes denormal numbers, which take CPUs ten times as long
+_CENTRE_STEPS, _CENTRE_SD = 4, 0.15
+_NEAREST = -1e4  # of a cell without points, among which the farthest is sought
+
+
+class Points:
+    """Known minus predicted depth, of the four pixels in each cell of stride 2.
+
+    Attributes:
+        known: (B, 4, H/2, W/2) float, 1 where depth is known.
+        share: (B, 1, H/2, W/2) of pixels where it is known.
+        centre: (B, 1, 1, 1), robust mean of all differences, coded.
+        mean: (B, 1, H/2, W/2), that of the cell, less the centre, times GAIN.
+        difference: (B, 4, H/2, W/2) less the centre, times GAIN; 0 where depth is unknown.
+    """
+
+    def __init__(self, prompt: Tensor, known: Tensor, predicted: Tensor) -> None:
+        """Compare coded depth of pixels, (B, 4, H/2, W/2)."""
+        self.known, self.share = known, _pixel_mean(known)
+        difference = (prompt - predicted) * known
+        mean = _pixel_mean(difference) / (self.share + LEAST)
+        self.centre = robust_mean(mean, self.share)
+        self.mean = GAIN * (mean - self.centre)
+        self.difference = GAIN * (difference - self.centre * known)
+
+    def pooled(self, rest: Tensor, log_spread: Tensor, stride: int) -> tuple[Tensor, Tensor]:
+        """Share of pixels with points, and mean, in cells (B, 1, h, w) of a stride.
+
+        The mean is that of ``rest``, which a coarser field leaves of :attr:`mean`; what is far
+        from 0, in units of the spread of coded depth, counts less.
+        """
+        weight = _cauchy(self.share, rest, GAIN * log_spread.exp())
+        share, total = (pooled(values, stride // 2) for values in (weight, weight * rest))
+        return share, total / (share + LEAST)
+
+    def beyond_farthest(self, predicted: Tensor) -> Tensor:
+        """Predicted less farthest known depth, of cells of stride 16; coded, times GAIN.
+
+        Of predicted (B, 1, H/2, W/2), less the centre. Sensors see nothing beyond their range, so
+        that a hole that seems to be as far as the farthest points is often farther.
+        """
+        known = GAIN * predicted + self.mean
+        share, total = (pooled(values, 8) for values in (self.share, self.share * known))
+        known = torch.where(share > 0, total / (share + LEAST), _NEAREST)
+        return GAIN * predicted - known.amax((2, 3), keepdim=True)
+
+
+class PointInterpolation(nn.Module):
+    """Interpolation of what points say, each weighted by its distance and by learned likeness.
+
+    Cells of stride 16 attend to those that have points, whose features are those of the cells of
+    stride 8 with points. A point that contradicts the others, as they interpolate it, counts less.
+    """
+
+    def __init__(self, seen: int) -> None:
+        super().__init__()
+        width = HEADS * _KEY_CHANNELS
+        self.queries, self.keys = nn.Conv2d(seen, width, 1), nn.Conv2d(seen, width, 1)
+        self.log_distance = nn.Parameter(torch.tensor(_DISTANCES).log())
+        self.nothing = nn.Parameter(torch.full((HEADS,), _NOTHING))  # logit of no correction
+        self.log_spread = nn.Parameter(torch.tensor([_SPREAD, _ERROR_SPREAD]).log())
+        self.belief = nn.Sequential(nn.Conv2d(4 + HEADS, 16, 1), nn.ReLU(), nn.Conv2d(16, 1, 1))
+        nn.init.zeros_(self.belief[-1].weight)  # type: ignore[arg-type]
+        nn.init.constant_(self.belief[-1].bias, FOLLOWED)  # type: ignore[arg-type]
+
+    def forward(self, seen: Tensor, points: Points) -> tuple[Tensor, Tensor, Tensor]:
+        """The field (B, 1, h/2, w/2) of seen (B, C, h, w), its parts, and what points are like.
+
+        The parts are the field and the support of each head, (B, 2 heads, h/2, w/2). The last are
+        the scatter of all points, from what others say, and their number, (B, 2, 1, 1) about 1.
+        """
+        fine, _ = points.pooled(points.mean, self.log_spread[0], 8)
+        count, mean = points.pooled(points.mean, self.log_spread[0], 16)
+        size = mean.shape[2:]
+        scaled = [each / math.sqrt(_KEY_CHANNELS) for each in self.queries.parameters()]
+        weight, bias = map(torch.cat, zip(scaled, self.keys.parameters(), strict=True))
+        features = F.conv2d(seen, weight, bias).float()  # one convolution is faster than two
+        own = pooled(features * fine, 2) / (pooled(fine, 2) + LEAST)
+        cells = torch.cat([own, pooled(features, 2), count, mean, _places(mean)], 1).flatten(2)
+        own, keys, queries, _, count, mean, places = cells.split_with_sizes(
+            [HEADS * _KEY_CHANNELS] * 4 + [1, 1, 2], 1
+        )
+        number = count * 16**2
+        trust = (number + _NO_TRUST).log().clamp(max=1.0)
+        itself = _SELF * torch.eye(cells.shape[2], cells.shape[2] + 1, device=seen.device)
+        error, _, supports = self._taken(own, keys, places, trust, mean, itself)
+        error = error.abs()
+        total = count.sum(2, keepdim=True)
+        scatter = (count * error).sum(2, keepdim=True) / (total + LEAST)
+        told = [(scatter / GAIN + 1e-3).log() / 2 + 1.5, (total + 1e-3).log() / 4]
+        known = torch.cat([error, scatter.expand_as(error), mean, number, supports], 1)
+        belief = self.belief(known[:, :, None])[:, :, 0].float().sigmoid()
+        belief = _cauchy(belief, error, GAIN * self.log_spread[1].exp())
+        trust = trust + (belief + _LEAST_BELIEF).log()
+        left, taken, supports = self._taken(queries, keys, places, trust, mean)
+        found = torch.cat([mean - left, taken, supports], 1).unflatten(2, size)  # type: ignore[no-untyped-call]
+        field, parts = found.split_with_sizes([1, 2 * HEADS], 1)
+        return field, parts, torch.cat(told, 1)[..., None]
+
+    def _taken(
+        self,
+        queries: Tensor,
+        keys: Tensor,
+        places: Tensor,
+        trust: Tensor,
+        mean: Tensor,
+        bias: Tensor | float = 0.0,
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """What the heads, one after another, leave of the mean (B, 1, N) of each of N cells.
+
+        Of queries and keys (B, heads · channels, N), columns and rows (B, 2, N) and the logits
+        ``trust`` (B, 1, N) and ``bias`` (N, N + 1); the last key is no correction. And what each
+        head takes, and its support, (B, heads, N).
+        """
+        one, left, taken = torch.ones_like(mean), mean, []
+        heads = [_KEY_CHANNELS] * HEADS
+        pairs = zip(*(each.split_with_sizes(heads, 1) for each in (queries, keys)), strict=True)
+        with full_precision(mean):
+            for head, (query, key) in enumerate(pairs):
+                at = places / self.log_distance[head].exp()
+                far = (at * at).sum(1, keepdim=True) / 2
+                last = trust + (-far - self.nothing[head])
+                to = torch.cat([query, at, -far, one], 1).transpose(1, 2)
+                of = F.pad(torch.cat([key, at, one, last], 1), (0, 1))
+                shares = (to @ of + bias).clamp(min=_LEAST_LOGIT).softmax(2)
+                values = F.pad(torch.cat([left, one], 1), (0, 1))
+                taken.append((values @ shares.transpose(1, 2)).split_with_sizes([1, 1], 1))
+                left = left - taken[-1][0]
+        parts, supports = (torch.cat(each, 1) for each in zip(*taken, strict=True))
+        return left, parts, supports
+
+
+def robust_mean(values: Tensor, weights: Tensor) -> Tensor:
+    """Mean of values (B, 1, H, W), weighted, with less weight of those far from it.
+
+    By reweighting with Cauchy's weights; (B, 1, 1, 1), 0 where all weights are 0.
+    """
+    weight, mean = weights, torch.zeros_like(weights[:, :, :1, :1])
+    for _ in range(_CENTRE_STEPS):
+        total = (weight * values).sum((2, 3), keepdim=True)
+        mean = total / (weight.sum((2, 3), keepdim=True) + LEAST)
+        weight = _cauchy(weights, values - mean, _CENTRE_SD)
+    return mean
+
+
+def _cauchy(weight: Tensor, rest: Tensor, spread: Tensor | float) -> Tensor:
+    """Less weight of what is far from 0: weight / (1 + rest² / spread²)."""
+    return weight * spread**2 / (spread**2 + rest * rest)
+
+
+def _pixel_mean(pixels: Tensor) -> Tensor:
+    """Mean of channels (B, 4, H, W); additions are faster than a mean in exported graphs."""
+    first, *others = pixels.split_with_sizes([1] * 4, 1)
+    return sum(others, first) / 4
+
+
+def unpacked(values: Tensor, channels: int = 1) -> Tensor:
+    """Pixels of cells of stride 2, as channels: of (B, C, H, W), (B, 4 C, H/2, W/2)."""
+    if not torch.onnx.is_in_onnx_export():
+        return F.pixel_unshuffle(values, 2)
+    each = values.split_with_sizes([1] * channels, 1) if channels > 1 else (values,)
+    return torch.cat([_Unpacked.apply(one) for one in each], 1)  # type: ignore[no-untyped-call]
+
+
+class _Unpacked(torch.autograd.Function):
+    """One operator in the exported graph, which torch's exporter does not use."""
+
+    @staticmethod
+    def forward(_: Any, x: Tensor) -> Tensor:  # noqa: ANN401
+        return F.pixel_unshuffle(x, 2)
+
+    @staticmethod
+    def symbolic(graph: Any, x: Any) -> Any:  # noqa: ANN401
+        return graph.op("SpaceToDepth", x, blocksize_i=2)
+
+
+def pooled(values: Tensor, size: int) -> Tensor:
+    """Mean over cells of ``size`` × ``size`` pixels, those at the end may be smaller."""
+    if size == 1:
+        return values
+    return F.avg_pool2d(values, size, ceil_mode=True, count_include_pad=False)
+
+
+def _places(like: Tensor) -> Tensor:
+    """Column and row of each pixel, in widths of the map: (B, 2, h, w)."""
+    one = torch.ones_like(like)
+    return (torch.cat([one.cumsum(3), one.cumsum(2)], 1) - 0.5) / one.sum(3, keepdim=True)

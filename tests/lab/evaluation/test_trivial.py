@@ -1,0 +1,260 @@
+"""Baselines, breakdowns, kept reports, and images that a model was trained on."""
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import plain_evaluator as plain
+from helpers.small_set import HEIGHT, WIDTH, Playback, noisy, small_set
+
+from depthcli.cli.app import main
+from depthcli.core.options import Alignment, Averaging, Part
+from depthcli.errors import DatasetError, UsageError
+from depthcli.lab.datasets.base import SplitName
+from depthcli.lab.evaluation.evaluate import EvalOptions, evaluate
+from depthcli.lab.evaluation.page import html_page, report_page
+from depthcli.lab.evaluation.predictors import fit_trivial
+from depthcli.lab.evaluation.protocol import EvalProtocol
+from depthcli.lab.evaluation.report import EvalReport
+from depthcli.lab.evaluation.saved import compare_reports, read_report
+from depthcli.lab.evaluation.task import plan_nyu, plan_pairs, train_overlap, trained_numbers
+from depthcli.lab.metrics.depth import METRICS, add_metric
+from depthcli.models.card import ModelCard
+from depthcli.models.catalog import ready_card
+
+
+def test_means_equal_the_plain_loop() -> None:
+    dataset = small_set()
+    dataset.depths_m[:, 0, 0] = 0
+    dataset.depths_m[:, 0, 1] = [0, 3, 0, 0, 5, 0]
+    constant, per_pixel = fit_trivial(dataset, (0, 1, 4))
+    images = [dataset.depths_m[i].tolist() for i in (0, 1, 4)]
+    valid = [v for image in images for line in image for v in line if 1e-3 < v < 10]
+    assert np.ptp(constant.depth.values) == 0
+    assert constant.depth.values[0, 0] == pytest.approx(plain.mean(valid), rel=1e-6)
+    for y in range(HEIGHT):
+        for x in range(WIDTH):
+            here = [image[y][x] for image in images if 1e-3 < image[y][x] < 10]
+            expected = plain.mean(here) if here else plain.mean(valid)
+            assert per_pixel.depth.values[y, x] == pytest.approx(expected, rel=1e-6)
+    assert per_pixel.depth.values[0, 1] == 4.0
+
+
+def test_training_pairs_of_no_depth_or_of_different_sizes_are_refused() -> None:
+    class Mixed:
+        ids = ("a", "b")
+
+        def depth_m(self, i: int) -> np.ndarray:
+            return np.full((2, 2 + i), 3, np.float32)
+
+    empty = small_set()
+    empty.depths_m[...] = 0
+    for dataset, numbers in ((empty, ()), (empty, (0, 1)), (Mixed(), (0, 1))):
+        with pytest.raises(DatasetError):
+            fit_trivial(dataset, numbers)
+
+
+def card(training: dict[str, Any]) -> ModelCard:
+    return replace(ready_card("fastdepth"), training=training)
+
+
+@pytest.mark.parametrize(
+    ("training", "expected"),
+    [
+        ({"nyu_train_ids": "0000-0002,0900"}, {0, 1, 2, 900}),
+        ({"nyu_split": "official"}, {1, 3, 5, 7}),
+        ({"nyu_split": "paper"}, set(range(8))),
+        ({"nyu_train_ids": "all"}, None),
+        ({"nyu_split": "eigen"}, None),
+        ({}, None),
+    ],
+)
+def test_trained_numbers_are_the_card_s(
+    training: dict[str, Any], expected: set[int] | None
+) -> None:
+    """Scenes are pairs of neighbours; odd ones are the official training part."""
+    assert trained_numbers(card(training), small_set(8)) == expected
+
+
+def test_only_images_that_are_compared_count() -> None:
+    task = plan_nyu(small_set(8), SplitName.OFFICIAL)  # 0, 2, 4, 6
+    assert train_overlap(card({"nyu_train_ids": "0002-0004"}), task) == 2
+    assert train_overlap(card({"nyu_train_ids": "0001"}), task) == 0
+    assert train_overlap(card({}), task) is None
+    own = plan_pairs(small_set(8), "own")
+    assert train_overlap(card({"nyu_train_ids": "0002-0004"}), own) is None
+
+
+@pytest.mark.parametrize("name", ["meter-nyu", "fastdepth"])
+def test_ready_cards_of_nyu_name_its_official_split(name: str) -> None:
+    assert trained_numbers(ready_card(name), small_set(4)) == {1, 3}
+
+
+OPTIONS = EvalOptions(EvalProtocol(full_size_px=(WIDTH, HEIGHT)), trivial=False, per_image=True)
+DATASET = small_set(12)
+TASK = plan_pairs(DATASET, "own")
+A, B = (Playback(noisy(DATASET, seed=seed), name=name) for seed, name in enumerate("ab"))
+
+
+def _kept(
+    folder: Path, row: Playback, limit: int | None = None, options: EvalOptions = OPTIONS
+) -> Path:
+    path = folder / f"{row.name}.json"
+    report = evaluate(TASK.subsampled(limit), [row], options)
+    path.write_text(report.to_json())
+    return path
+
+
+def test_report_is_read_as_it_was_written(tmp_path: Path) -> None:
+    report, read = evaluate(TASK, [A], OPTIONS), read_report(_kept(tmp_path, A))
+    assert (read.title, read.protocol, read.scenes) == (report.title, OPTIONS.protocol, TASK.scenes)
+    assert read.rows[0].images == report.rows[0].images
+    assert read.rows[0].scores == report.rows[0].scores
+
+
+def test_differences_are_those_of_one_evaluation(tmp_path: Path) -> None:
+    together = evaluate(TASK, [A, B], replace(OPTIONS, against="a"))
+    found = compare_reports(_kept(tmp_path, A), _kept(tmp_path, B))
+    assert [row.scores for row in found.rows] == [row.scores for row in together.rows]
+    (one,), (other,) = found.differences, together.differences
+    assert (one.name, one.other) == ("a (a)", "b (b)")
+    assert (one.intervals, one.scene_count) == (other.intervals, other.scene_count)
+
+
+def test_rows_are_of_the_images_that_both_have(tmp_path: Path) -> None:
+    found = compare_reports(_kept(tmp_path, A, 5), _kept(tmp_path, B))
+    fewer = evaluate(TASK.subsampled(5), [A, B], replace(OPTIONS, against="a"))
+    assert found.image_count == 5
+    for row, wanted in zip(found.rows, fewer.rows, strict=True):
+        assert row.scores.values == pytest.approx(wanted.scores.values)
+    means = [interval.mean for interval in found.differences[0].intervals]
+    assert means == pytest.approx([i.mean for i in fewer.differences[0].intervals])
+
+
+def test_without_means_of_images_there_is_no_interval(tmp_path: Path) -> None:
+    pooled = replace(OPTIONS.protocol, averaging=Averaging.POOLED)
+    for options in (replace(OPTIONS, per_image=False), replace(OPTIONS, protocol=pooled)):
+        found = compare_reports(_kept(tmp_path, A, 5, options), _kept(tmp_path, B, None, options))
+        assert not found.differences
+        alone = evaluate(TASK.subsampled(5), [A], options), evaluate(TASK, [B], options)
+        assert [row.scores for row in found.rows] == [one.rows[0].scores for one in alone]
+
+
+def test_metric_of_ones_own_is_compared_without_its_module(tmp_path: Path) -> None:
+    add_metric("bias", lambda g, p: float((p - g).mean()))
+    METRICS["bias"] = replace(METRICS["bias"], higher_is_better=True, unit="metres")
+    try:
+        files = _kept(tmp_path, A), _kept(tmp_path, B)
+        wanted = evaluate(TASK, [A, B], replace(OPTIONS, against="a")).differences[0].intervals
+        METRICS.pop("bias")
+        assert compare_reports(*files).differences[0].intervals == wanted
+        assert (METRICS["bias"].higher_is_better, METRICS["bias"].unit) == (True, "metres")
+        METRICS.pop("bias")
+        _kept(tmp_path, B)  # without it
+        assert np.isnan(compare_reports(*files).differences[0].intervals[-1].mean)
+    finally:
+        METRICS.pop("bias", None)
+
+
+def test_rows_that_were_trained_on_the_images_are_marked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files, page = [_kept(tmp_path, row) for row in (A, B)], tmp_path / "page.html"
+    document = json.loads(files[1].read_text())
+    document["rows"][0] |= {"images_trained_on": 12, "note": "b was trained on 12 of these images"}
+    document["notes"] = ["known depth"]
+    files[1].write_text(json.dumps(document))
+    words = ["eval", "compare", *map(str, files), "--html", str(page)]
+    assert main(words) == 0
+    for text in (capsys.readouterr().out, page.read_text()):
+        assert "a (a) minus each row" in text
+        assert "b (b)*" in text
+        assert "* b: b was trained on 12 of these images" in text
+        assert "b: known depth" in text
+    assert main([*words, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [row.get("images_trained_on") for row in found["rows"]] == [None, 12]
+    assert found["rows"][1]["note"].endswith(document["rows"][0]["note"])
+    assert found["notes"] == ["b: known depth"]
+
+
+def test_other_protocols_and_files_are_refused(tmp_path: Path) -> None:
+    a, b = _kept(tmp_path, A), tmp_path / "b.json"
+    far = replace(OPTIONS, protocol=replace(OPTIONS.protocol, max_m=5.0))
+    b.write_text(evaluate(TASK, [B], far).to_json())
+    for content in (None, "{}", "[1", '{"protocol": 1}'):
+        if content is not None:
+            b.write_text(content)
+        with pytest.raises(UsageError):
+            compare_reports(a, b)
+
+
+BY_PARTS = EvalOptions(
+    EvalProtocol(full_size_px=(WIDTH, HEIGHT)), trivial=False, per_image=True, parts=tuple(Part)
+)
+ROWS = [Playback(noisy(DATASET, seed=seed), name=name) for seed, name in enumerate("ab")]
+
+
+@pytest.fixture(scope="module")
+def report() -> EvalReport:
+    return evaluate(plan_pairs(DATASET, "own"), ROWS, BY_PARTS)
+
+
+def _errors(row: Playback, near_m: float, far_m: float) -> list[float]:
+    """Relative errors of all pixels whose true depth is in a range."""
+    found = []
+    for name, depth_m in zip(DATASET.ids, DATASET.depths_m, strict=True):
+        pairs = zip(depth_m.ravel().tolist(), row.maps[name].ravel().tolist(), strict=True)
+        for g, p in pairs:
+            if max(near_m, 1e-3) <= g < far_m:
+                found.append(abs(min(max(p, 1e-3), 10.0) - g) / g)
+    return found
+
+
+def test_distance_is_over_the_pixels_of_each_range(report: EvalReport) -> None:
+    scored = report.breakdowns[0].scored
+    edges = [0.001, 1, 2, 3, 5, 10]
+    names = [f"{near:g}-{far:g} m" for near, far in pairwise(edges)]
+    assert [one.part for one in scored] == [name for name in names for _ in "ab"]
+    for i, one in enumerate(scored):
+        errors = _errors(ROWS["ab".index(one.row)], edges[i // 2], edges[i // 2 + 1])
+        assert one.count == len(errors)
+        if errors:
+            assert one.scores["abs_rel"] == pytest.approx(sum(errors) / len(errors), rel=1e-6)
+
+
+def test_scene_kinds_are_means_of_their_images(report: EvalReport) -> None:
+    named = {
+        one.id: scene.rstrip("0123456789").rstrip("_")
+        for one, scene in zip(report.rows[0].images, DATASET.scenes, strict=True)
+    }
+    for one in report.breakdowns[1].scored:
+        row = report.rows["ab".index(one.row)]
+        own = [image.scores["rmse"] for image in row.images if named[image.id] == one.part]
+        assert (one.count, one.scores["rmse"]) == (len(own), pytest.approx(sum(own) / len(own)))
+    assert {one.part for one in report.breakdowns[1].scored} == set(named.values())
+
+
+def test_worst_images_come_first(report: EvalReport) -> None:
+    own = [one for one in report.breakdowns[2].scored if one.row == "a"]
+    images = sorted(report.rows[0].images, key=lambda one: -one.scores["abs_rel"])
+    assert [one.part for one in own] == [image.id for image in images[:10]]
+
+
+def test_text_html_and_json_have_each_part(report: EvalReport) -> None:
+    page = report_page(report)
+    for text in (page.to_text(), html_page(page)):
+        assert all(f"error by {what}" in text for what in ("distance", "scene kind", "image"))
+    document = json.loads(report.to_json())["breakdowns"]
+    assert list(document) == ["distance", "scene", "image"]
+    assert document["distance"][0]["count"] == report.breakdowns[0].scored[0].count
+
+
+def test_aligned_rows_are_told_apart() -> None:
+    both = replace(BY_PARTS, alignments=(Alignment.NONE, Alignment.MEDIAN), parts=(Part.DISTANCE,))
+    found = evaluate(plan_pairs(DATASET, "own"), ROWS[:1], both)
+    assert {one.row for one in found.breakdowns[0].scored} == {"a", "a, median"}

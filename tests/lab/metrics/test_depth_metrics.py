@@ -1,0 +1,148 @@
+"""Every metric against a plain loop that shares no code with it."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from helpers import plain_evaluator as plain
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from depthcli.core.options import Averaging
+from depthcli.errors import UsageError
+from depthcli.lab.metrics.depth import METRICS, PixelSums, Scores, add_metric, mean_scores
+from depthcli.lab.metrics.pixels import DepthPixels
+
+
+def _plain_pairs(truth: npt.NDArray[np.float64], predicted: npt.NDArray[np.float64]) -> plain.Pairs:
+    pairs = zip(truth.ravel().tolist(), predicted.ravel().tolist(), strict=True)
+    return [(g, plain.clamp(p)) for g, p in pairs if 1e-3 < g < 10]
+
+
+@st.composite
+def _images(draw: st.DrawFn) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    shape = draw(hnp.array_shapes(min_dims=2, max_dims=2, max_side=6))
+    truth = draw(hnp.arrays(np.float64, shape, elements=st.floats(0, 12)))
+    anything = st.floats(0, 12) | st.sampled_from([math.nan, math.inf, -math.inf, -1.0, 1e-9])
+    return truth, draw(hnp.arrays(np.float64, shape, elements=anything))
+
+
+def score(name: str, pixels: DepthPixels) -> float:
+    return PixelSums.of(pixels).scores()[name]
+
+
+def test_every_metric_has_a_plain_reference() -> None:
+    assert list(METRICS) == list(plain.metrics([(1.0, 2.0)]))
+
+
+@given(images=_images())
+def test_metrics_equal_the_plain_loop(
+    images: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]],
+) -> None:
+    pairs = _plain_pairs(*images)
+    scores = PixelSums.of(DepthPixels.of(*images)).scores()
+    wanted = plain.metrics(pairs) if pairs else dict.fromkeys(METRICS, math.nan)
+    for name, value in scores.items():
+        # A difference of squares loses half the digits when all logs are alike.
+        absolute = 1e-4 if name == "silog" else 1e-9
+        assert value == pytest.approx(wanted[name], rel=1e-6, abs=absolute, nan_ok=True), name
+
+
+def test_thresholds_are_strict() -> None:
+    pixels = DepthPixels.of(np.array([4.0]), np.array([5.0]))
+    assert score("d1", pixels) == 0.0
+    assert score("d2", pixels) == 1.0
+    assert score("d1", DepthPixels.of(np.array([5.0]), np.array([4.0]))) == 0.0
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_parts_give_the_same_in_any_order_of_the_metrics(order: int) -> None:
+    """Each quantity has memory of its own."""
+    rng = np.random.default_rng(7)
+    pixels = DepthPixels.of(*rng.uniform(0.5, 9.5, (2, 100_000)))
+    assert len(list(pixels.parts())) == 2
+    names = list(METRICS)[::order]
+    sums = dict.fromkeys(names, 0.0)
+    for part in pixels.parts():
+        for name in names:
+            sums[name] += METRICS[name].sums(part)[0]
+    whole = {name: METRICS[name].sums(pixels)[0] for name in names}
+    assert sums == pytest.approx(whole, rel=1e-9)
+    quantities = ("log_error", "error_m", "ratio", "predicted_m", "truth_m", "relative_error")
+    (first, *_) = DepthPixels.of(*rng.uniform(0.5, 9.5, (2, 100))).parts()
+    for name in quantities[::order]:
+        getattr(first, name)
+    alone = DepthPixels(first.truth, first.prediction)
+    for name in quantities:
+        np.testing.assert_array_equal(getattr(first, name), getattr(alone, name))
+
+
+def test_a_metric_of_ones_own_gets_all_pixels_of_an_image() -> None:
+    """Larger than a part; of several images pooled, it is weighted by their pixels."""
+    random, before = np.random.default_rng(0), Scores.of(abs_rel=0.5)
+    pairs = [random.uniform(0.5, 9, (2, n)) for n in (200_000, 40_000)]
+    add_metric("median_error", lambda g, p: float(np.median(abs(p - g))))
+    try:
+        sums = [PixelSums.of(DepthPixels.of(*pair)) for pair in pairs]
+        each = [float(np.median(abs(p - g))) for g, p in pairs]
+        assert [s.scores()["median_error"] for s in sums] == pytest.approx(each)
+        assert mean_scores(sums)["median_error"] == pytest.approx(sum(each) / 2)
+        pooled = mean_scores(sums, Averaging.POOLED)["median_error"]
+        assert pooled == pytest.approx((5 * each[0] + each[1]) / 6)
+        assert sums[0].scores()["abs_rel"] == pytest.approx(
+            np.mean(abs(np.diff(pairs[0], axis=0)) / pairs[0][0])
+        )
+        empty = PixelSums.of(DepthPixels.of(np.zeros(3), np.ones(3)))
+        assert (sums[1] + empty).scores() == sums[1].scores()
+        assert math.isnan(before["median_error"])  # as of the paper's rows
+        with pytest.raises(UsageError):
+            add_metric("rmse", np.dot)
+    finally:
+        METRICS.pop("median_error")
+
+
+def test_bounds_of_the_truth_are_strict() -> None:
+    truth = np.array([0.0, 1e-3, 1.1e-3, 9.99, 10.0, 11.0, np.nan, np.inf])
+    assert DepthPixels.of(truth, np.ones(8)).truth_m.tolist() == [1.1e-3, 9.99]
+
+
+def test_inputs_are_left_as_they_are() -> None:
+    truth, predicted = np.array([1.0, 20.0]), np.array([np.nan, np.inf])
+    DepthPixels.of(truth, predicted)
+    assert truth.tolist() == [1.0, 20.0]
+    assert np.isnan(predicted[0])
+    assert np.isposinf(predicted[1])
+
+
+def test_float32_images_are_compared_in_float64() -> None:
+    truth = np.full((2, 2), 3.0, np.float32)
+    pixels = DepthPixels.of(truth, np.full((2, 2), 0.1, np.float32))
+    assert pixels.truth_m.dtype == pixels.predicted_m.dtype == pixels.log_error.dtype == np.float64
+
+
+def test_shapes_have_to_agree() -> None:
+    with pytest.raises(ValueError, match=r"truth is \(3,\) but prediction is \(4,\)"):
+        DepthPixels.of(np.ones(3), np.ones(4))
+
+
+PUBLISHED = {
+    "abs_rel": 0.24716666666666667,
+    "sq_rel": 0.41570466666666667,
+    "rmse": 1.643525468822028,
+    "rms_log": 0.27928068299946596,
+    "log10": 0.10552996866065992,
+    "d1": 0.45,
+    "d2": 0.9166666666666666,
+    "d3": 1.0,
+    "silog": 27.88497160978338,
+}
+"""Of the numbers below, by torch-uncertainty 0.13 and torchmetrics 1.9 in float64."""
+
+
+def test_metrics_are_those_of_a_public_implementation() -> None:
+    truth_m = np.array([0.5 + (k * 37 % 90) / 10 for k in range(60)])
+    predicted_m = truth_m * np.array([0.6 + (k * 53 % 97) / 100 for k in range(60)])
+    scores = PixelSums.of(DepthPixels.of(truth_m, predicted_m, max_m=100)).scores()
+    assert dict(scores.items()) == pytest.approx(PUBLISHED, rel=1e-6)

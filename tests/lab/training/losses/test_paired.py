@@ -1,0 +1,220 @@
+"""Losses of pairs, adversarial and contrastive."""
+
+import math
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pytest
+import torch
+from helpers.seeded import seeded
+from torch import Tensor, nn
+
+from depthcli.lab.training.losses import (
+    cfl_nce,
+    discriminator_loss,
+    generator_loss,
+    hdce,
+    patch_nce,
+    regularized_l1,
+    semantic_relation,
+    similarity,
+)
+
+
+def unit_vectors(seed: int, images: int = 2, patches: int = 7, dim: int = 5) -> Tensor:
+    """(images, patches, dim) of length one, without gradient."""
+    vectors = torch.randn(images, patches, dim, generator=seeded(seed))
+    return vectors / vectors.norm(dim=2, keepdim=True)
+
+
+def _network() -> nn.Module:
+    torch.manual_seed(0)
+    return nn.Sequential(
+        nn.Conv2d(1, 3, 3), nn.BatchNorm2d(3), nn.ConvTranspose2d(3, 2, 3), nn.Linear(2, 2)
+    )
+
+
+def test_regularized_l1_is_its_formula() -> None:
+    network, penalty = _network(), 1e-2
+    prediction, truth = torch.randn(2, 1, 4, 5), torch.randn(2, 1, 4, 5)
+    pairs = zip(prediction.flatten().tolist(), truth.flatten().tolist(), strict=True)
+    distance = float(np.mean([abs(p - t) for p, t in pairs]))
+    squares = 0.0
+    for index in (0, 2):  # biases, norms and linear layers are no convolution weights
+        for w in network.get_submodule(str(index)).weight.flatten().tolist():
+            squares += w * w
+    found = regularized_l1(prediction, truth, network, penalty).item()
+    assert found == pytest.approx(distance + penalty * squares, rel=1e-5)
+
+
+FORMS = ("lsgan", "hinge", "ralsgan")
+
+
+@pytest.fixture
+def outputs() -> tuple[Tensor, Tensor]:
+    """Real and fake outputs of a discriminator, of different sizes so that none is mixed up."""
+    generator = torch.Generator().manual_seed(1)
+    real = torch.randn(2, 1, 5, 4, generator=generator)
+    return real, 2 * torch.randn(2, 1, 3, 6, generator=generator) - 0.5
+
+
+def _loss(loss: Callable[..., Tensor], gan: str, outputs: tuple[Tensor, Tensor]) -> Tensor:
+    return loss(gan, nn.Identity(), real=outputs[0], fake=outputs[1])
+
+
+def _mean(values: list[float]) -> float:
+    return sum(values) / len(values)
+
+
+def test_hinge_is_its_formula(outputs: tuple[Tensor, Tensor]) -> None:
+    real, fake = (o.flatten().tolist() for o in outputs)
+    wanted = 0.5 * (_mean([max(0, 1 - r) for r in real]) + _mean([max(0, 1 + f) for f in fake]))
+    assert _loss(discriminator_loss, "hinge", outputs).item() == pytest.approx(wanted, rel=1e-5)
+    wanted = _mean([max(0, 1 - f) for f in fake])
+    assert _loss(generator_loss, "hinge", outputs).item() == pytest.approx(wanted, rel=1e-5)
+
+
+def test_ralsgan_is_its_formula(outputs: tuple[Tensor, Tensor]) -> None:
+    real, fake = (o.flatten().tolist() for o in outputs)
+    mean_real, mean_fake = _mean(real), _mean(fake)
+
+    def relative(to_fake: float, to_real: float) -> float:
+        high = _mean([(r - mean_fake - to_fake) ** 2 for r in real])
+        return 0.5 * (high + _mean([(f - mean_real - to_real) ** 2 for f in fake]))
+
+    assert _loss(discriminator_loss, "ralsgan", outputs).item() == pytest.approx(
+        relative(1, -1), rel=1e-5
+    )
+    assert _loss(generator_loss, "ralsgan", outputs).item() == pytest.approx(
+        relative(-1, 1), rel=1e-5
+    )
+
+
+@pytest.mark.parametrize("gan", FORMS)
+def test_outputs_are_judged_in_full_precision(gan: str) -> None:
+    image = torch.linspace(-1, 1, 64).reshape(1, 1, 8, 8)
+    with torch.autocast("cpu", torch.bfloat16):
+        discriminator = nn.Conv2d(1, 1, 4)
+        loss = generator_loss(gan, discriminator, real=image, fake=-image)
+        assert discriminator(image).dtype == torch.bfloat16
+    assert loss.dtype == torch.float32
+    assert np.isfinite(loss.item())
+
+
+TAU = 0.07
+LOSSES = (patch_nce, cfl_nce, partial(hdce, gamma=10.0), semantic_relation)
+
+
+def _weights(k: np.ndarray, i: int, gamma: float) -> dict[int, float]:
+    raw = {j: math.exp(k[i] @ k[j] / gamma) for j in range(len(k)) if j != i}
+    total = sum(raw.values())
+    share = {j: value / total for j, value in raw.items()}
+    return {j: value / max(share.values()) for j, value in share.items()}
+
+
+def _looped_hdce(query: Tensor, key: Tensor, gamma: float) -> float:
+    terms = []
+    for q, k in zip(query.double().numpy(), key.double().numpy(), strict=True):
+        for i in range(len(q)):
+            own = q[i] @ k[i]
+            weights = _weights(k, i, gamma)
+            terms.append(
+                math.log(sum(math.exp((w * (q[i] @ k[j]) - own) / TAU) for j, w in weights.items()))
+            )
+    return float(np.mean(terms))
+
+
+@pytest.mark.parametrize("gamma", [50.0, 10.0, 0.2])
+def test_hdce_is_its_formula(gamma: float) -> None:
+    query, key = unit_vectors(1), unit_vectors(2)
+    assert hdce(query, key, gamma).item() == pytest.approx(
+        _looped_hdce(query, key, gamma), rel=1e-5
+    )
+
+
+Loss = Callable[[Tensor, Tensor], Tensor]
+
+
+def _looped_patch_nce(query: Tensor, key: Tensor, *, fakes: bool) -> float:
+    terms = []
+    for q, k in zip(query.double().numpy(), key.double().numpy(), strict=True):
+        for i in range(len(q)):
+            others = [j for j in range(len(q)) if j != i]
+            logits = [q[i] @ k[i] / TAU] + [q[i] @ k[j] / TAU for j in others]
+            logits += [q[i] @ q[j] / TAU for j in others if fakes]
+            terms.append(-math.log(math.exp(logits[0]) / sum(math.exp(v) for v in logits)))
+    return float(np.mean(terms))
+
+
+@pytest.mark.parametrize(("loss", "fakes"), [(patch_nce, False), (cfl_nce, True)])
+def test_patch_nce_is_its_formula(loss: Loss, fakes: bool) -> None:
+    query, key = unit_vectors(1), unit_vectors(2)
+    assert loss(query, key).item() == pytest.approx(
+        _looped_patch_nce(query, key, fakes=fakes), rel=1e-5
+    )
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_only_the_query_receives_a_gradient(loss: Loss) -> None:
+    query, key = unit_vectors(5).requires_grad_(), unit_vectors(6).requires_grad_()
+    loss(query, key).backward()
+    assert key.grad is None
+    assert bool(torch.isfinite(query.grad).all())
+    assert bool(query.grad.abs().sum() > 0)
+
+
+def test_other_patches_of_the_prediction_are_held_still_too() -> None:
+    """The paired form moves a query away from the others, and not the others away from it."""
+    query, key = unit_vectors(5).requires_grad_(), unit_vectors(6)
+    (found,) = torch.autograd.grad(cfl_nce(query, key), query)
+    still, itself = query.detach(), torch.eye(query.shape[1], dtype=torch.bool)
+    to_truth = query @ key.transpose(1, 2) / TAU
+    to_others = (query @ still.transpose(1, 2) / TAU).masked_fill(itself, -torch.inf)
+    chances = torch.cat([to_truth, to_others], 2).log_softmax(2)
+    loss = -chances.diagonal(dim1=1, dim2=2).mean()
+    (wanted,) = torch.autograd.grad(loss, query)
+    torch.testing.assert_close(found, wanted)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_losses_stay_in_full_precision_under_autocast(loss: Loss) -> None:
+    query, key = unit_vectors(7), unit_vectors(8)
+    with torch.autocast("cpu", torch.bfloat16):
+        mixed = loss(query, key)
+    assert mixed.dtype == torch.float32
+    assert mixed.item() == loss(query, key).item()
+
+
+def _relation(vectors: np.ndarray, i: int) -> list[float]:
+    raw = [math.exp(vectors[i] @ other) for other in vectors]
+    return [value / sum(raw) for value in raw]
+
+
+def _looped_relation(query: Tensor, key: Tensor) -> float:
+    images = []
+    for q, k in zip(query.double().numpy(), key.double().numpy(), strict=True):
+        total = 0.0
+        for i in range(len(q)):
+            for a, b in zip(_relation(q, i), _relation(k, i), strict=True):
+                middle = (a + b) / 2
+                total += 0.5 * (a * math.log(a / middle) + b * math.log(b / middle))
+        images.append(total)
+    return float(np.mean(images))
+
+
+def test_relation_is_its_formula() -> None:
+    query, key = unit_vectors(1), unit_vectors(2)
+    assert semantic_relation(query, key).item() == pytest.approx(
+        _looped_relation(query, key), rel=1e-4
+    )
+
+
+def test_similarity_is_its_formula() -> None:
+    real_x, fake_x, real_y, fake_y = (unit_vectors(i)[:, 0] for i in range(4))
+    wanted = 0.0
+    for real, fake in ((real_x, fake_x), (real_y, fake_y)):
+        pairs = list(zip(real.flatten().tolist(), fake.flatten().tolist(), strict=True))
+        wanted += sum(abs(r - f) for r, f in pairs) / len(pairs)
+    found = similarity(real_x=real_x, fake_x=fake_x, real_y=real_y, fake_y=fake_y)
+    assert found.item() == pytest.approx(wanted, rel=1e-5)

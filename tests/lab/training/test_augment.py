@@ -1,0 +1,232 @@
+"""Augmentation: the same geometry for image and depth, metres that stay true, and CutMix."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from helpers.seeded import seeded
+from torch import Tensor
+
+from depthcli.lab.training.augment import augment, cutmix, to_network_input
+from depthcli.lab.training.config import DataConfig
+
+PLAIN = DataConfig(width=32, height=24)
+FREE_OF_LIGHT = replace(PLAIN, zoom=2.0, rotate_deg=8)
+
+
+def _pairs(count: int, *, noise: bool = True) -> tuple[Tensor, Tensor]:
+    """Pairs whose depth, 1 to 5 m, is 1 + 4 V, so that each tells what the other must be."""
+    rows, columns = torch.meshgrid(
+        torch.linspace(0, 1, 48), torch.linspace(0, 1, 64), indexing="ij"
+    )
+    value = (0.2 * rows + 0.5 * columns).expand(count, 1, -1, -1).clone()
+    if noise:
+        value = value + 0.3 * torch.rand(value.shape, generator=seeded(9))
+    return value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value
+
+
+def _flipped(gray: Tensor) -> Tensor:
+    """Which pictures were mirrored: they get darker to the right."""
+    return gray[..., 0].mean((1, 2)) > gray[..., -1].mean((1, 2))
+
+
+def test_without_strengths_there_are_whole_pictures_and_mirrored_ones() -> None:
+    rgb, depth_m = _pairs(1)
+    rgb, depth_m = rgb.expand(64, -1, -1, -1), depth_m.expand(64, -1, -1, -1)
+    gray, seen_m, _ = augment(rgb, depth_m, PLAIN, seeded())
+    halves = torch.nn.functional.avg_pool2d(depth_m[:1], 2)
+    mirrored = _flipped(gray)
+    assert 20 < int(mirrored.sum()) < 44
+    for i in range(64):
+        wanted = halves.flip(3) if mirrored[i] else halves
+        torch.testing.assert_close(seen_m[i : i + 1], wanted)
+        torch.testing.assert_close((gray[i : i + 1] + 1) / 2, (wanted - 1) / 4)
+
+
+def test_picture_and_depth_keep_the_same_geometry() -> None:
+    rgb, depth_m = _pairs(40)
+    gray, seen_m, _ = augment(rgb, depth_m, FREE_OF_LIGHT, seeded(1))
+    zoom = (1 + 4 * (gray + 1) / 2) / seen_m
+    spread = zoom.amax((1, 2, 3)) - zoom.amin((1, 2, 3))
+    assert float(spread.max()) < 1e-4  # one zoom everywhere in a picture
+    zooms = zoom.mean((1, 2, 3))
+    assert 0.1 < float((zooms < 1.0001).float().mean()) < 0.5  # whole pictures stay among them
+    assert float(zooms.min()) > 0.9999
+    assert 1.6 < float(zooms.max()) <= 2.0001
+
+
+def test_zoom_by_s_magnifies_by_s_and_divides_depth_by_s() -> None:
+    rgb, depth_m = _pairs(60, noise=False)
+    gray, seen_m, _ = augment(rgb, depth_m, replace(PLAIN, zoom=2.0), seeded(2))
+    zoom = ((1 + 4 * (gray + 1) / 2) / seen_m).mean((1, 2, 3))
+    across = (gray[..., 1:] - gray[..., :-1])[:, 0, 12, 16].abs()
+    whole = to_network_input(torch.nn.functional.avg_pool2d(rgb[:1], 2), PLAIN)
+    slope = float((whole[..., 1:] - whole[..., :-1])[0, 0, 12, 16])
+    torch.testing.assert_close(slope / across, zoom, rtol=1e-3, atol=0)
+    assert float(zoom.max()) > 1.5
+
+
+def test_rotation_turns_pixels_by_degrees_at_any_aspect() -> None:
+    """The slope of a straight edge after the turn, in pixels, is the tangent of the angle."""
+    columns = torch.linspace(-1, 1, 128).expand(96, -1)
+    rgb = (0.5 + 0.4 * columns).expand(80, 3, -1, -1).contiguous()
+    data = replace(PLAIN, width=64, height=48, zoom=2.0, rotate_deg=10)
+    gray, _, _ = augment(rgb, torch.ones(80, 1, 96, 128), data, seeded(4))
+    along_x = (gray[..., 20, 32] - gray[..., 20, 31])[:, 0]
+    along_y = (gray[..., 21, 32] - gray[..., 20, 32])[:, 0]
+    degrees = torch.rad2deg(torch.atan(along_y / along_x)).abs()
+    assert float(degrees.max()) <= 10.01
+    assert float(degrees.max()) > 7
+    assert float(degrees.min()) < 0.01  # whole pictures are not turned
+
+
+def test_crop_of_the_originals_is_untrue_to_metres() -> None:
+    rgb, depth_m = _pairs(50)
+    gray, seen_m, _ = augment(rgb, depth_m, replace(PLAIN, crop_286=True), seeded(6))
+    torch.testing.assert_close(1 + 4 * (gray + 1) / 2, seen_m)
+    _, plane_m, _ = augment(rgb, torch.full_like(depth_m, 3.0), PLAIN, seeded(6))
+    torch.testing.assert_close(plane_m, torch.full_like(plane_m, 3.0))
+    means = seen_m.mean((1, 2, 3))
+    assert float(means.max() - means.min()) > 0.05  # crops at random places
+
+
+@pytest.mark.parametrize(
+    "strengths",
+    [
+        {"colour_jitter": 0.2},
+        {"gamma": 0.3},
+        {"brightness": 0.3},
+        {"noise": 0.05},
+        {"colour_jitter": 0.2, "gamma": 0.3, "brightness": 0.3, "noise": 0.05},
+    ],
+)
+def test_light_changes_the_picture_and_never_the_depth(strengths: dict[str, float]) -> None:
+    rgb, depth_m = _pairs(8)
+    lit = replace(PLAIN, **strengths)
+    gray, seen_m, _ = augment(rgb, depth_m, PLAIN, seeded(7))
+    relit, same_m, _ = augment(rgb, depth_m, lit, seeded(7))
+    torch.testing.assert_close(seen_m, same_m)
+    assert float((gray - relit).abs().mean((1, 2, 3)).mean()) > 0.01
+    assert float(relit.min()) >= -1
+    assert float(relit.max()) <= 1
+
+
+def _lit(level: float, **strengths: float) -> Tensor:
+    """V of 1,000 views of a red picture, (1000, 24, 32)."""
+    rgb = torch.zeros(1000, 3, 24, 32)
+    rgb[:, 0] = level
+    data = replace(PLAIN, **strengths)
+    return (augment(rgb, torch.ones(1000, 1, 24, 32), data, seeded(7)).network_input[:, 0] + 1) / 2
+
+
+def test_strengths_are_standard_deviations() -> None:
+    gain = _lit(0.5, colour_jitter=0.05)[:, 0, 0] / 0.5
+    exponent = _lit(0.5, gamma=0.2)[:, 0, 0].log() / math.log(0.5)
+    for drawn, wanted in ((gain.log(), 0.05), (exponent.log(), 0.2)):
+        assert float(drawn.std()) == pytest.approx(wanted, rel=0.1)
+        assert abs(float(drawn.mean())) < 0.1 * wanted
+    for level in (0.25, 0.5):  # a gain, and a quarter of it as an offset
+        bright = _lit(level, brightness=0.1)[:, 0, 0]
+        assert float(bright.std()) == pytest.approx(math.hypot(0.1 * level, 0.025), rel=0.1)
+        assert float(bright.mean()) == pytest.approx(level, abs=0.01)
+    noise = _lit(0.5, noise=0.1)
+    deviations = noise.std((1, 2))
+    assert float(deviations.mean()) == pytest.approx(0.05, rel=0.1)
+    assert float(deviations.max()) == pytest.approx(0.1, rel=0.1)
+    assert float(noise.mean()) == pytest.approx(0.5, abs=1e-3)
+    assert float(_lit(1e-6, gamma=0.2).log().mean()) == pytest.approx(math.log(1e-4), rel=0.05)
+
+
+def test_gray_is_value_or_luma() -> None:
+    rgb = torch.tensor([0.2, 0.6, 0.1]).view(1, 3, 1, 1)
+    assert float(to_network_input(rgb, PLAIN)) == pytest.approx(2 * 0.6 - 1)
+    luma = 0.299 * 0.2 + 0.587 * 0.6 + 0.114 * 0.1
+    found = float(to_network_input(rgb, replace(PLAIN, colour="luma")))
+    assert found == pytest.approx(2 * luma - 1, abs=1e-6)
+
+
+COUNT, HEIGHT, WIDTH = 50, 24, 32
+
+
+def _numbered(count: int = COUNT) -> Tensor:
+    """(count, 1, H, W) whose every pixel is the number of its view."""
+    return torch.arange(float(count)).view(-1, 1, 1, 1).expand(-1, 1, HEIGHT, WIDTH).contiguous()
+
+
+def _rectangle(inside: Tensor) -> tuple[int, int]:
+    """(height, width) of the rectangle that (H, W) bool is True in, and nowhere else."""
+    rows, columns = torch.nonzero(inside, as_tuple=True)
+    top, bottom = int(rows.min()), int(rows.max()) + 1
+    left, right = int(columns.min()), int(columns.max()) + 1
+    for y in range(HEIGHT):
+        for x in range(WIDTH):
+            assert bool(inside[y, x]) == (top <= y < bottom and left <= x < right)
+    return bottom - top, right - left
+
+
+def test_each_view_gets_one_rectangle_of_the_view_before_it() -> None:
+    (mixed,) = cutmix([_numbered()], 0.999999, seeded())
+    sides = set()
+    for number in range(COUNT):
+        view = mixed[number, 0]
+        inside = view != number
+        assert view[inside].unique().tolist() == [(number - 1) % COUNT]
+        height, width = _rectangle(inside)
+        assert HEIGHT // 4 - 1 <= height <= HEIGHT * 3 // 4 + 1
+        assert WIDTH // 4 - 1 <= width <= WIDTH * 3 // 4 + 1
+        sides.add((height, width))
+    assert len(sides) > COUNT // 2
+
+
+def test_the_rectangles_lie_everywhere() -> None:
+    (mixed,) = cutmix([_numbered(2000)], 0.999999, seeded(1))
+    pasted = (mixed != _numbered(2000)).float().mean((0, 1))
+    assert float(pasted.min()) > 0
+    assert float(pasted[HEIGHT // 2, WIDTH // 2]) > 0.4
+    assert float((pasted - pasted.flip(0, 1)).abs().max()) < 0.1
+
+
+def test_all_maps_get_the_same_rectangles_and_keep_their_type() -> None:
+    gray = torch.rand(COUNT, 1, HEIGHT, WIDTH, generator=seeded(2))
+    maps = [gray, 3 * gray, gray < 0.5]
+    first, second, third = cutmix(maps, 0.5, seeded(3))
+    assert not torch.equal(first, gray)
+    assert torch.equal(second, 3 * first)
+    assert third.dtype == torch.bool
+    assert torch.equal(third, first < 0.5)
+
+
+def test_the_share_is_that_of_the_views() -> None:
+    numbered = _numbered(2000)
+    (mixed,) = cutmix([numbered], 0.3, seeded(4))
+    changed = (mixed != numbered).any(3).any(2).float().mean()
+    assert 0.26 < float(changed) < 0.34
+
+
+def test_augmentation_mixes_picture_and_depth_alike() -> None:
+    value = torch.rand(8, 1, 48, 64, generator=seeded(5))
+    rgb, depth_m = value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value
+    plain = DataConfig(width=WIDTH, height=HEIGHT)
+    gray, seen_m, _ = augment(rgb, depth_m.clone(), plain, seeded(6))
+    mixed, mixed_m, valid_mask = augment(
+        rgb, depth_m.clone(), replace(plain, cutmix=0.9), seeded(6)
+    )
+    torch.testing.assert_close(mixed_m, 1 + 4 * (mixed + 1) / 2)
+    assert valid_mask is None
+    assert not torch.equal(mixed, gray)
+    own = mixed == gray
+    torch.testing.assert_close(mixed_m[own], seen_m[own])
+
+
+def test_a_pasted_piece_brings_its_holes_along() -> None:
+    """What is valid is where the picture is bright, before and after pieces are pasted."""
+    value = torch.rand(8, 1, HEIGHT, WIDTH, generator=seeded(5))
+    rgb, depth_m, valid_mask = value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value, value > 0.4
+    plain = DataConfig(width=WIDTH, height=HEIGHT)
+    whole = augment(rgb, depth_m.clone(), plain, seeded(6), valid_mask)
+    mixed = augment(rgb, depth_m.clone(), replace(plain, cutmix=0.9), seeded(6), valid_mask)
+    for views in (whole, mixed):
+        assert views.valid_mask is not None
+        assert torch.equal(views.valid_mask, views.network_input > 2 * 0.4 - 1)
+    assert not torch.equal(whole.valid_mask, mixed.valid_mask)

@@ -1,0 +1,309 @@
+"""Batches and stored pairs: seed and step alone decide them, and holes do not count."""
+
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from helpers.rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from depthcli.errors import DatasetError
+from depthcli.lab.training.augment import augment
+from depthcli.lab.training.data import (
+    Batches,
+    PairStore,
+    TrainingBatch,
+    _stored_size,
+    downsample,
+    whole_images,
+)
+from depthcli.lab.training.losses import gradient_loss
+from depthcli.lab.training.provenance import train_val_split
+
+CPU = torch.device("cpu")
+DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2, brightness=0.2, noise=0.02)
+
+
+def _batches(size: int = 2, seed: int = 0, **changes: object) -> Batches:
+    data = replace(DATA, **changes)
+    return Batches(PairStore(rooms(), TRAIN, data), data, size, seed, CPU)
+
+
+def test_depends_on_seed_and_step_alone() -> None:
+    torch.manual_seed(1)
+    one, other = _batches(), _batches()
+    for step in (5, 0, 17, 5):
+        torch.manual_seed(step)
+        first = one[step]
+        torch.rand(3)
+        for a, b in zip(first[:2], other[step][:2], strict=True):
+            assert torch.equal(a, b)
+    assert not torch.equal(one[0].network_input, one[1].network_input)
+    assert not torch.equal(one[0].network_input, one[one.steps_per_epoch].network_input)
+    assert not torch.equal(one[0].network_input, _batches(seed=1)[0].network_input)
+
+
+def test_neither_reads_nor_moves_the_global_generator() -> None:
+    batches, before = _batches(), torch.get_rng_state()
+    batches[3]
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+def test_an_epoch_shows_every_pair_once_in_an_order_of_its_own() -> None:
+    batches = _batches(size=1)
+    assert batches.steps_per_epoch == 5
+    orders = [
+        [int(batches._rows(batches.store, 5 * e + i, 1, stream=2)) for i in range(5)]
+        for e in range(4)
+    ]
+    assert all(sorted(order) == list(range(5)) for order in orders)
+    assert len({tuple(order) for order in orders}) > 1
+
+
+def test_last_incomplete_batch_is_dropped_and_large_ones_shrink() -> None:
+    assert _batches(size=2).steps_per_epoch == 2
+    large = _batches(size=99)
+    assert (large.batch_size, large.steps_per_epoch) == (5, 1)
+
+
+def test_unpaired_depth_is_of_other_scenes() -> None:
+    plain = {"zoom": 1.0, "gamma": 0.0, "brightness": 0.0, "noise": 0.0, "rotate_deg": 0.0}
+    paired, unpaired = _batches(size=5, **plain), _batches(size=5, paired=False, **plain)
+    assert torch.equal(paired[0].network_input, unpaired[0].network_input)
+    assert not torch.equal(paired[0].depth_m, unpaired[0].depth_m)
+    alike = [
+        any(torch.equal(a, b) or torch.equal(a, b.flip(2)) for b in paired[0].depth_m)
+        for a in unpaired[0].depth_m
+    ]
+    assert all(alike)  # the same five scenes, in another order
+    in_place = [
+        torch.equal(a, b) or torch.equal(a, b.flip(2))
+        for a, b in zip(unpaired[0].depth_m, paired[0].depth_m, strict=True)
+    ]
+    assert not all(in_place)
+
+
+def _ramps(count: int) -> Rooms:
+    """Pictures that get brighter to the right, as their depth grows from 2 to 4 m."""
+    share = np.broadcast_to(np.linspace(0, 1, WIDTH, dtype=np.float32), (count, HEIGHT, WIDTH))
+    images = np.repeat((255 * share).astype(np.uint8)[..., None], 3, axis=3)
+    return Rooms(images, 2 + 2 * share, tuple(f"den_{i}" for i in range(count)))
+
+
+def _seen(paired: bool, steps: int = 4, size: int = 60, **changes: float) -> TrainingBatch:
+    """Some batches of ramps in one."""
+    plain = {"zoom": 1.0, "gamma": 0.0, "brightness": 0.0, "noise": 0.0, "rotate_deg": 0.0}
+    data = replace(DATA, paired=paired, **(plain | changes))
+    batches = Batches(PairStore(_ramps(size), range(size), data), data, size, 0, CPU)
+    seen = [batches[step] for step in range(steps)]
+    return TrainingBatch(*(torch.cat(maps) for maps in zip(*(b[:2] for b in seen), strict=True)))
+
+
+@pytest.mark.parametrize("paired", [True, False])
+def test_flips_are_the_same_for_a_pair_and_drawn_apart_for_two_lists(paired: bool) -> None:
+    seen = _seen(paired)
+    mirrored = [maps[..., 0].mean((1, 2)) > maps[..., -1].mean((1, 2)) for maps in seen[:2]]
+    for flips in mirrored:
+        assert 0.4 < float(flips.float().mean()) < 0.6
+    together = float((mirrored[0] == mirrored[1]).float().mean())
+    assert together == 1 if paired else 0.4 < together < 0.6
+
+
+@pytest.mark.parametrize("paired", [True, False])
+def test_zooms_are_the_same_for_a_pair_and_drawn_apart_for_two_lists(paired: bool) -> None:
+    """How steep a ramp is tells its zoom: of depth, 2 m over the whole, divided by the square."""
+    seen = _seen(paired, zoom=2.0)
+    gray, depth_m = ((maps[..., 16, 24] - maps[..., 16, 8]).abs()[:, 0] for maps in seen[:2])
+    of_gray, of_depth = 1 / gray, (1 / depth_m).sqrt()
+    assert 1.8 < float(of_gray.max()) < 2.1
+    assert 1.8 < float(of_depth.max()) < 2.1
+    correlation = float(torch.corrcoef(torch.stack([of_gray, of_depth]))[0, 1])
+    assert correlation > 0.99 if paired else abs(correlation) < 0.25
+
+
+def test_store_keeps_depth_to_five_millimetres() -> None:
+    dataset = rooms()
+    flat_m = replace(dataset, depths_m=dataset.depths_m * 0 + 9.987)
+    store = PairStore(flat_m, TRAIN, DATA)
+    assert store.rgb.shape == (5, 3, 64, 64)
+    assert float((store.depth_m.float() - 9.987).abs().max()) < 0.005
+
+
+def test_whole_pictures_are_not_augmented() -> None:
+    store = PairStore(rooms(), HELD_OUT, DATA)
+    (gray,) = whole_images(store, DATA, torch.tensor([0]))
+    wanted = torch.nn.functional.avg_pool2d(store.rgb.float(), 2).amax(1) / 255 * 2 - 1
+    torch.testing.assert_close(gray, wanted)
+
+
+def test_whole_scenes_are_held_out() -> None:
+    dataset = rooms()
+    assert train_val_split(dataset, DATA) == (TRAIN, HELD_OUT)
+    assert train_val_split(dataset, replace(DATA, holdout_every=0)) == (list(range(6)), [])
+    for offset in range(4):
+        train, held_out = train_val_split(
+            dataset, replace(DATA, holdout_every=2, holdout_offset=offset)
+        )
+        assert sorted(train + held_out) == list(range(6))
+        scenes = [{dataset.scenes[i] for i in rows} for rows in (train, held_out)]
+        assert not scenes[0] & scenes[1]
+
+
+def test_no_pair_is_an_error() -> None:
+    with pytest.raises(DatasetError):
+        PairStore(rooms(), [], DATA)
+
+
+@pytest.mark.parametrize(
+    ("picture", "stored"),
+    [
+        ((300, 100), (150, 300)),
+        ((150, 130), (130, 260)),
+        ((900, 900), (200, 400)),
+        ((9, 9), (100, 200)),
+    ],
+)
+def test_pictures_are_kept_as_views_need(picture: tuple[int, int], stored: tuple[int, int]) -> None:
+    """At the network's aspect, as large as the picture along one axis, at most twice the size."""
+    width, height = _stored_size((*picture, 3), replace(DATA, width=100, height=200))
+    assert (width, height) == stored
+
+
+HOLED_DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2)
+
+
+def _holed(share: float = 0.2, value: float = 0.0, seed: int = 0) -> Any:
+    """The rooms with holes in blocks of 4 x 4 pixels."""
+    dataset, rng = rooms(), np.random.default_rng(seed)
+    coarse = rng.random((len(dataset), 12, 16)) < share
+    holes = coarse.repeat(4, 1).repeat(4, 2)
+    return replace(dataset, depths_m=np.where(holes, np.float32(value), dataset.depths_m))
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf, -1.0])
+def test_resizing_takes_the_mean_of_what_was_measured(value: float) -> None:
+    depth_m = np.float32([[2, 4, 3, value], [value, 6, value, value]])
+    (small_m,), (valid_mask,) = downsample(depth_m, (2, 1))
+    assert small_m.tolist() == [4.0, 4.0]  # the hole takes its neighbour's, not half of 3
+    assert valid_mask.tolist() == [True, False]
+
+
+@pytest.mark.parametrize(("width", "columns"), [(2, 1), (49, 2), (53, 2), (12, 5), (41, 1)])
+def test_a_pixel_is_measured_from_exactly_half_of_its_area_on(width: int, columns: int) -> None:
+    half_m = np.zeros((2, width), np.float32)
+    half_m[0] = 3.0
+    shrunk = downsample(half_m, (columns, 1))
+    assert shrunk[1] is None
+    np.testing.assert_allclose(shrunk[0], 3.0, rtol=1e-5)
+    less_m = np.zeros((5, width), np.float32)
+    less_m[:2] = 3.0
+    assert downsample(less_m, (columns, 1)) is None
+
+
+def test_holes_take_the_nearest_measurement() -> None:
+    depth_m = np.zeros((5, 9), np.float32)
+    depth_m[2, 0], depth_m[2, 8] = 1.0, 7.0
+    filled_m, valid_mask = downsample(depth_m, (9, 5))
+    assert (filled_m[:, :4] == 1).all()
+    assert (filled_m[:, 5:] == 7).all()
+    assert int(valid_mask.sum()) == 2
+
+
+def test_without_holes_nothing_changes() -> None:
+    depth_m = rooms().depths_m[0]
+    small_m, valid_mask = downsample(depth_m, (32, 24))
+    assert valid_mask is None
+    assert np.array_equal(small_m, cv2.resize(depth_m, (32, 24), interpolation=cv2.INTER_AREA))
+
+
+def test_without_a_measurement_there_is_nothing() -> None:
+    assert downsample(np.zeros((4, 4), np.float32), (2, 2)) is None
+    dataset = rooms()
+    empty = replace(
+        dataset, depths_m=dataset.depths_m * np.float32([1, 1, 1, 0, 1, 1])[:, None, None]
+    )
+    with pytest.raises(DatasetError):
+        PairStore(empty, TRAIN, HOLED_DATA)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 999), share=st.floats(0.05, 0.9), factor=st.sampled_from([1, 2, 3]))
+def test_no_value_is_outside_of_what_was_measured(seed: int, share: float, factor: int) -> None:
+    depth_m = _holed(share, seed=seed).depths_m[0]
+    shrunk = downsample(depth_m, (64 // factor, 48 // factor))
+    if shrunk is not None:
+        measured_m = depth_m[depth_m > 0]
+        assert shrunk[0].min() >= measured_m.min() - 1e-5
+        assert shrunk[0].max() <= measured_m.max() + 1e-5
+
+
+def test_batches_never_show_zero_and_say_what_is_known() -> None:
+    store = PairStore(_holed(), TRAIN, HOLED_DATA)
+    assert store.valid_mask is not None
+    assert float(store.depth_m.min()) >= 0.9
+    for changes in ({}, {"paired": False}, {"crop_286": True}):
+        data = replace(HOLED_DATA, **changes)
+        gray, depth_m, valid_mask, *_ = Batches(store, data, 5, 0, torch.device("cpu"))[0]
+        assert valid_mask.shape == depth_m.shape == gray.shape
+        assert valid_mask.dtype == torch.bool
+        assert 0.4 < float(valid_mask.float().mean()) < 0.95
+        assert float(depth_m.min()) > 0.9 / 1.5
+
+
+def test_known_pixels_have_the_depth_of_the_picture_without_holes() -> None:
+    """Holes at the stored size, so that only the view mixes pixels."""
+    whole_m = torch.rand(6, 1, 64, 64, generator=torch.Generator().manual_seed(1)) * 5 + 1
+    valid_mask = torch.rand(6, 1, 64, 64, generator=torch.Generator().manual_seed(2)) > 0.05
+    rgb = torch.rand(6, 3, 64, 64)
+    seen = augment(rgb, whole_m, HOLED_DATA, torch.Generator().manual_seed(3))
+    with_holes = torch.where(valid_mask, whole_m, torch.full_like(whole_m, 99))
+    holed = augment(rgb, with_holes, HOLED_DATA, torch.Generator().manual_seed(3), valid_mask)
+    assert seen.valid_mask is None
+    assert holed.valid_mask is not None
+    assert torch.equal(seen.network_input, holed.network_input)
+    torch.testing.assert_close(
+        holed.depth_m[holed.valid_mask], seen.depth_m[holed.valid_mask], rtol=0, atol=0.11
+    )
+    wrong = (holed.depth_m - seen.depth_m).abs() > 0.5
+    assert not (wrong & holed.valid_mask).any()
+    assert wrong.any()
+
+
+def _pair(height: int, width: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    random = torch.Generator().manual_seed(4)
+    prediction, truth, chance = torch.rand(3, 2, 1, height, width, generator=random)
+    return prediction, truth, chance > 0.1
+
+
+def _difference(error: Any, valid_mask: Any, step: tuple[int, int]) -> float:
+    """Mean difference of neighbours, both valid, by plain loops."""
+    found = []
+    images, _, rows, columns = valid_mask.shape
+    for b in range(images):
+        for y in range(rows - step[0]):
+            for x in range(columns - step[1]):
+                there = (b, 0, y + step[0], x + step[1])
+                if valid_mask[b, 0, y, x] and valid_mask[there]:
+                    found.append(abs(float(error[there]) - float(error[b, 0, y, x])))
+    return float(np.mean(found)) if found else 0.0
+
+
+@pytest.mark.parametrize(("size", "is_whole"), [((16, 24), False), ((17, 22), True)])
+def test_gradient_loss_is_of_differences_between_known_pixels(
+    size: tuple[int, int], is_whole: bool
+) -> None:
+    prediction, truth, valid_mask = _pair(*size)
+    valid_mask |= is_whole
+    error, mask, terms = (prediction - truth).numpy(), valid_mask.numpy(), []
+    for _ in range(4):
+        terms.append(_difference(error, mask, (0, 1)) + _difference(error, mask, (1, 0)))
+        rows, columns = error.shape[2] // 2, error.shape[3] // 2
+        error, mask = (m[:, :, : 2 * rows, : 2 * columns] for m in (error, mask))
+        blocks = (len(error), 1, rows, 2, columns, 2)
+        error, mask = error.reshape(blocks).mean((3, 5)), mask.reshape(blocks).all((3, 5))
+    found = gradient_loss(prediction, truth, None if is_whole else valid_mask)
+    assert float(found) == pytest.approx(float(np.mean(terms)), rel=1e-5)
