@@ -6,7 +6,6 @@ from importlib import import_module
 # Importing onnxruntime is slow; a test compares these names with it.
 _ACCELERATED = ("cuda", "tensorrt", "rocm", "migraphx", "directml", "coreml", "openvino")
 PROVIDERS = ("auto", "cpu", *_ACCELERATED)
-ACCELERATORS = ("auto", "cpu", "cuda", "mps")
 
 
 def starting_with(words: Iterable[str], incomplete: str) -> list[str]:
@@ -14,22 +13,27 @@ def starting_with(words: Iterable[str], incomplete: str) -> list[str]:
     return [word for word in words if word.startswith(incomplete)]
 
 
-def _names_in(module: str, name: str) -> Callable[[str], list[str]]:
-    """A completion by what a function or a collection of a module holds, imported when needed."""
+def offered(words: Iterable[str]) -> Callable[[str], list[str]]:
+    """A completion by some words."""
 
     def complete(incomplete: str) -> list[str]:
-        found = getattr(import_module(f"depthcli.{module}"), name)
-        return starting_with(found() if callable(found) else found, incomplete)
+        return starting_with(words, incomplete)
+
+    return complete
+
+
+def _names_in(module: str, name: str) -> Callable[[str], list[str]]:
+    """A completion by what a function of a module returns, which is imported when needed."""
+
+    def complete(incomplete: str) -> list[str]:
+        return starting_with(getattr(import_module(f"depthcli.{module}"), name)(), incomplete)
 
     return complete
 
 
 cards = _names_in("models.catalog", "ready_names")
-presets = _names_in("lab.training.presets", "PRESETS")
-methods = _names_in("lab.training.methods.table", "METHODS")
 profiles = _names_in("cli.profiles", "profile_names")
-providers = _names_in("cli.completion", "PROVIDERS")
-accelerators = _names_in("cli.completion", "ACCELERATORS")
+providers = offered(PROVIDERS)
 
 
 def models(incomplete: str) -> list[str]:

@@ -11,7 +11,6 @@ from depthcli.cli import completion
 from depthcli.cli.groups import OPTION, USUAL, group
 from depthcli.core import options as choices
 from depthcli.core.camera import FOCAL_PX, HFOV_DEG
-from depthcli.errors import UsageError
 
 _LARGEST_M = 1e9
 MAX_THREADS = 1024
@@ -179,27 +178,6 @@ class DepthFileOptions:
         "Frame to read, from 0, of a depth video (.mkv) or of several maps in NPY or NPZ.",
         min=0,
     )
-
-
-@group
-class PatternOptions:
-    """Names of pairs."""
-
-    rgb: str | None = option(
-        "Names of the images in any other layout, with * for the part that an image and its depth "
-        "share: '*.color.png', '*/left/*.png'.",
-        metavar="PATTERN",
-    )
-    depth: str | None = option(
-        "Names of the depth files, as --rgb: '*.depth.png', '*/gt/*.png'.", metavar="PATTERN"
-    )
-
-    @property
-    def patterns(self) -> tuple[str, str] | None:
-        """Patterns of images and depth; None for a known layout."""
-        if (self.rgb is None) != (self.depth is None):
-            raise UsageError("", "give both {rgb} and {depth}")
-        return (self.rgb, self.depth) if self.rgb and self.depth else None
 
 
 @group
@@ -475,12 +453,6 @@ WorkersOption = Annotated[
         max=MAX_THREADS,
         help="Number of inputs or frames processed in parallel. Default: one per core.",
         rich_help_panel="Model and speed",
-    ),
-]
-WeightsOption = Annotated[
-    choices.Weights,
-    typer.Option(
-        help="averaged: the weights' moving average, if there is one; raw: those of the last step."
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON to stdout instead of text.")]

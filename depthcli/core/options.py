@@ -1,4 +1,4 @@
-"""Choices for options of depth maps, models and metrics; safe texts; no numpy, for the help."""
+"""Choices for options of depth maps and models; safe texts; no numpy, for the help."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,45 +40,6 @@ class DepthMask(StrEnum):
     MODEL = "model"  #: those that the network's own mask excludes, such as sky
 
 
-class Weights(StrEnum):
-    """Which weights of a training run make its model."""
-
-    AVERAGED = "averaged"  #: their moving average (``optim.ema``), if there is one
-    RAW = "raw"  #: those of the last step
-
-
-class Part(StrEnum):
-    """What a table of scores is broken down by."""
-
-    DISTANCE = "distance"  #: true depth
-    SCENE = "scene"  #: kind of scene
-    IMAGE = "image"  #: the worst images
-
-
-class Tracker(StrEnum):
-    """A tool that follows training runs; the name of the extra that installs it."""
-
-    TENSORBOARD = "tensorboard"
-    WANDB = "wandb"
-    MLFLOW = "mlflow"
-
-
-class Averaging(StrEnum):
-    """Averaging of metrics."""
-
-    IMAGE = "image"  #: each metric is computed per image, then averaged
-    POOLED = "pooled"  #: each metric is computed over the pixels of all images
-
-
-class Alignment(StrEnum):
-    """Fit of a prediction to the ground truth, per image, over the valid pixels."""
-
-    NONE = "none"  #: nothing: metres are compared as predicted
-    MEDIAN = "median"  #: one factor: the ratio of the medians
-    DEPTH = "depth"  #: scale and shift of depth, least squares in depth
-    DISPARITY = "disparity"  #: scale and shift of 1/depth, least squares in 1/depth
-
-
 class Colormap(StrEnum):
     """Colormaps of a preview."""
 
@@ -113,21 +74,6 @@ class DepthEncoding(StrEnum):
     RELATIVE = "relative"  #: depth up to an unknown scale and shift; larger is farther
     INVERSE = "inverse"  #: 1/depth: of metres if the scale is given, else up to scale and shift
     DISPARITY = "disparity"  #: displacement between rectified images in pixels; needs a baseline
-
-
-class Crop(StrEnum):
-    """The part of the frame that is evaluated."""
-
-    NONE = "none"  #: the full frame
-    EIGEN = "eigen"  #: rows 45 to 470 and columns 41 to 600 of 480×640
-    GARG = "garg"  #: the lower and middle part of KITTI's images, at any size
-
-
-class Mask(StrEnum):
-    """The pixels that have ground truth in an evaluation."""
-
-    FILLED = "filled"  #: all of the in-filled depth
-    RAW = "raw"  #: only where the sensor measured: raw depth > 0
 
 
 AUTO_TILE = 0  #: stands for tiles of 3/4 of the picture's width; see docs/sharpness.md
@@ -231,7 +177,6 @@ def short_repr(value: object) -> str:
     return text if len(text) <= _MAX_CHARS else f"{text[:_MAX_CHARS]}..."
 
 
-INSTALL_H5PY = "pip install h5py"
 INSTALL_RAY = "pip install 'depthcli[ray]'"
 INSTALL_PYARROW = "pip install 'depthcli[parquet]'"
 INSTALL_HEIF = "pip install 'depthcli[heif]'"

@@ -118,8 +118,8 @@ def _one_line_reason(error: Exception) -> str:
 
 def _check_model(name: str | None, provider: str) -> Iterator[Check]:
     from depthcli.inference.loading import SessionLoader
-    from depthcli.inference.measure import try_session
     from depthcli.inference.providers import available_providers, ort
+    from depthcli.inference.trial import try_session
 
     session = SessionLoader(name, provider).load()
     try_session(session)
@@ -146,7 +146,7 @@ def _check_providers(name: str | None) -> Iterator[Check]:
 
 def _load_and_run(name: str | None, provider: str) -> None:
     from depthcli.inference.loading import SessionLoader
-    from depthcli.inference.measure import try_session
+    from depthcli.inference.trial import try_session
 
     try_session(SessionLoader(name, provider).load())
 

@@ -45,7 +45,7 @@ def predict_pictures(
         except (InputError, OutputError) as error:
             yield write.FailedInput(plan.name, error)
         except ModelError as error:
-            from depthcli.inference.measure import check_network  # noqa: PLC0415 - seldom needed
+            from depthcli.inference.trial import check_network  # noqa: PLC0415 - seldom needed
 
             check_network(error, loading.result())
             yield write.FailedInput(plan.name, error)

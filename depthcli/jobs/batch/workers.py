@@ -20,9 +20,9 @@ from depthcli.core.types import Frame, displayed_depth
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, ModelError, about, os_errors_as
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.measure import check_network
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.session import Session
+from depthcli.inference.trial import check_network
 from depthcli.io.depth.metadata import camera_text
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import is_archive

@@ -12,7 +12,9 @@ from depthcli.cli.groups import group
 from depthcli.cli.screen import console
 from depthcli.core import options as choices
 from depthcli.errors import ExitCode, UsageError
+from depthcli.lab.commands.options import PatternOptions, WeightsOption
 from depthcli.lab.datasets.base import SplitName
+from depthcli.lab.options import Alignment, Averaging, Crop, Mask, Part, Weights
 
 if TYPE_CHECKING:
     from depthcli.io.depth.read import DepthReadOptions
@@ -68,8 +70,8 @@ class ModelOptions:
         metavar="PATTERN",
     )
     anchors_fit: choices.AnchorsFit | None = groups.option("Fit to --prompt, as in 'predict'.")
-    average: choices.Averaging = groups.option(
-        "Average over images, or over all pixels.", default=choices.Averaging.IMAGE
+    average: Averaging = groups.option(
+        "Average over images, or over all pixels.", default=Averaging.IMAGE
     )
     compare_at: int | None = groups.option(
         "Resize prediction and ground truth to N×N first (for example 256).",
@@ -119,14 +121,14 @@ class ReportOptions:
 class TableOptions:
     """Table and figures."""
 
-    align: list[choices.Alignment] | None = groups.usual(
+    align: list[Alignment] | None = groups.usual(
         "Alignment to ground truth per image: none, median (scale), depth or disparity "
         "(least-squares scale and shift); repeatable, one row each. Default: none."
     )
     against: str | None = groups.usual(
         "Also compare this row with every other: paired bootstrap over scenes.", metavar="ROW"
     )
-    by: list[choices.Part] | None = groups.option(
+    by: list[Part] | None = groups.option(
         "Also score parts: pixels by true distance, images by kind of scene, and the worst "
         "images; repeatable."
     )
@@ -148,7 +150,7 @@ class TableOptions:
         """Options of the table."""
         from depthcli.lab.evaluation.evaluate import EvalOptions
 
-        alignments = tuple(self.align or (choices.Alignment.NONE,))
+        alignments = tuple(self.align or (Alignment.NONE,))
         parts = tuple(self.by or ())
         return EvalOptions(alignments=alignments, against=self.against, parts=parts, **more)
 
@@ -177,12 +179,8 @@ def nyu(
         help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: held-out scenes "
         "of the first 1000.",
     ),
-    crop: choices.Crop = typer.Option(
-        choices.Crop.NONE, help="eigen: rows 45:471, columns 41:601 only."
-    ),
-    mask: choices.Mask = typer.Option(
-        choices.Mask.FILLED, help="raw: only where the sensor measured depth."
-    ),
+    crop: Crop = typer.Option(Crop.NONE, help="eigen: rows 45:471, columns 41:601 only."),
+    mask: Mask = typer.Option(Mask.FILLED, help="raw: only where the sensor measured depth."),
     trivial: _TrivialOption = True,
     table: TableOptions,
 ) -> int:
@@ -205,7 +203,7 @@ def pairs(
         "are known.",
     ),
     *,
-    names: groups.PatternOptions,
+    names: PatternOptions,
     models: ModelOptions,
     png_scale: float | None = typer.Option(
         None,
@@ -231,8 +229,8 @@ def pairs(
         callback=groups.positive,
         help="Farthest depth that counts; predictions are clamped to it.",
     ),
-    crop: choices.Crop = typer.Option(
-        choices.Crop.NONE,
+    crop: Crop = typer.Option(
+        Crop.NONE,
         help="garg: the part of KITTI's images that is compared; eigen: that of NYU's.",
     ),
     table: TableOptions,
@@ -258,13 +256,13 @@ def runs(
     data: Path = typer.Option(
         ..., envvar="DEPTHCLI_NYU", help="NYU Depth v2 or the folder that the runs were trained on."
     ),
-    names: groups.PatternOptions,
+    names: PatternOptions,
     split: SplitName = typer.Option(
         SplitName.VAL,
         help="val: scenes held out by the runs. paper, official: test part of the split, if "
         "no run was trained on it.",
     ),
-    weights: groups.WeightsOption = choices.Weights.AVERAGED,
+    weights: WeightsOption = Weights.AVERAGED,
     trivial: _TrivialOption = True,
     published: bool = typer.Option(True, help="Include the paper's rows."),
     table: TableOptions,

@@ -10,15 +10,16 @@ import typer
 from depthcli.cli import options as groups
 from depthcli.cli.groups import group
 from depthcli.cli.screen import console
-from depthcli.core.options import Weights
 from depthcli.errors import ExitCode, UsageError
+from depthcli.lab.commands.options import WeightsOption
+from depthcli.lab.options import Weights
 
 
 @group
 class NetworkOptions:
     """Network."""
 
-    weights: groups.WeightsOption = Weights.AVERAGED
+    weights: WeightsOption = Weights.AVERAGED
     fp16: bool = groups.option("Store weights as float16; computes in float32.", default=False)
     int8: Path | None = groups.option(
         "Quantize weights and activations to int8, calibrated and checked on the images in DIR.",

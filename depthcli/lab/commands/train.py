@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from depthcli.cli import completion, groups, options, process
+from depthcli.cli import groups, options, process
+from depthcli.cli.completion import offered
 from depthcli.cli.screen import console
-from depthcli.core.options import Tracker
 from depthcli.errors import SIGNAL_BASE, CheckpointError, ExitCode, TrainingError, UsageError
+from depthcli.lab.commands.options import PatternOptions
+from depthcli.lab.options import Tracker
 from depthcli.lab.training.methods.table import METHODS
 from depthcli.lab.training.presets import PRESETS
 
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from depthcli.lab.training.config import TrainConfig
+
+_ACCELERATORS = ("auto", "cpu", "cuda", "mps")
 
 
 @groups.group
@@ -32,7 +36,7 @@ class RunOptions:
         "Train these methods one after another, each in the folder METHOD-seedK of --out "
         "(for example cut,proposed); repeatable.",
         metavar="A,B",
-        autocompletion=completion.methods,
+        autocompletion=offered(METHODS),
     )
     seeds: list[str] | None = options.option(
         "One run of each method for each of these seeds, in the folder METHOD-seedK of "
@@ -61,7 +65,7 @@ class DataOptions:
         "$DEPTHCLI_NYU; or another folder with rgb/ and depth/, or in the layout of TUM RGB-D, "
         "ScanNet, 7-Scenes, 3DMatch, KITTI or Ultralytics."
     )
-    names: options.PatternOptions
+    names: PatternOptions
     pseudo_labels: Path | None = options.option(
         "Additional pairs with less reliable depth, such as predictions of another model: "
         "rgb/ and depth/ in millimetres.",
@@ -83,7 +87,7 @@ class ConfigOptions:
         "Configuration preset: "
         f"{', '.join(f'{name} (for {own})' if own else name for name, own in PRESETS.items())}.",
         metavar="NAME",
-        autocompletion=completion.presets,
+        autocompletion=offered(PRESETS),
     )
     config: list[Path] | None = options.option(
         "TOML file that overrides the configuration; repeatable.", metavar="FILE"
@@ -110,7 +114,7 @@ class DeviceOptions:
         "auto, cpu, cuda or mps.",
         default="auto",
         metavar="NAME",
-        autocompletion=completion.accelerators,
+        autocompletion=offered(_ACCELERATORS),
     )
     threads: int | None = options.option(
         "CPU threads. Default: those of the run that is resumed, or one per core.",
@@ -137,7 +141,7 @@ def train(
     method: str | None = typer.Argument(
         None,
         metavar="[METHOD]",
-        autocompletion=completion.methods,
+        autocompletion=offered(METHODS),
         help=f"One of {', '.join(METHODS)}, or your own as MODULE:CLASS.",
     ),
     *,

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from depthcli.core.arrays import AnyArray, Float32Array, UInt8Array
-from depthcli.core.options import INSTALL_H5PY, short_repr
+from depthcli.core.options import short_repr
 from depthcli.errors import DatasetError
 from depthcli.io.depth.read import AS_STATED, DepthReadOptions
 from depthcli.io.formats.table import MILLIMETRES
@@ -69,7 +69,7 @@ def open_mat(path: Path) -> NyuMat:
     try:
         import h5py  # noqa: PLC0415 - optional, and only this format needs it
     except ImportError as error:
-        raise DatasetError(f"reading a .mat file needs h5py: {INSTALL_H5PY}") from error
+        raise DatasetError("reading a .mat file needs h5py: pip install h5py") from error
     try:
         file = h5py.File(path, "r")
         count = min(len(file[name]) for name in ("images", "depths"))

@@ -7,11 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from depthcli.core.options import Alignment, Part
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.evaluation.report import Breakdown, PartScores, ReportRow, mean_of
 from depthcli.lab.metrics.depth import PixelSums
 from depthcli.lab.metrics.pixels import DepthPixels
+from depthcli.lab.options import Alignment, Part
 
 _EDGES_M = (1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 40.0, 80.0)
 _WORST_COUNT = 10

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from depthcli.core.arrays import Float64Array
-from depthcli.core.options import Alignment, Averaging, Mask, Part
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DatasetError, UsageError
@@ -33,6 +32,7 @@ from depthcli.lab.evaluation.task import EvalTask, group_by_seed, train_mark, tr
 from depthcli.lab.metrics.alignment import SUITABLE, align
 from depthcli.lab.metrics.boundary import BoundaryScores, mean_boundary_scores
 from depthcli.lab.metrics.depth import METRICS, PixelSums, Scores, mean_scores
+from depthcli.lab.options import Alignment, Averaging, Mask, Part
 from depthcli.lab.training.provenance import TrainedRun
 
 _PAPER_ORDER = [row.name.removesuffix(" (paper)").lower() for row in report.PUBLISHED]

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from depthcli.core.options import Part, one_line
+from depthcli.core.options import one_line
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.lab.evaluation.figures import Figure
 from depthcli.lab.evaluation.report import (
@@ -19,6 +19,7 @@ from depthcli.lab.evaluation.report import (
 )
 from depthcli.lab.metrics.boundary import HIGHER_IS_BETTER
 from depthcli.lab.metrics.depth import METRICS
+from depthcli.lab.options import Part
 
 _TRAINING = ("paired", "seeds", "epochs", "steps", "minutes", "params", "ms")
 _DECIMALS = {"silog": 2, "dbe_acc": 2, "dbe_comp": 2}

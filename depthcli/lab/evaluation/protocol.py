@@ -6,12 +6,13 @@ import numpy as np
 
 from depthcli.core.arrays import BoolArray, Float32Array, FloatArray
 from depthcli.core.imageops import resize_bilinear
-from depthcli.core.options import AUTO_TILE, Alignment, Averaging, Crop, Mask, Upsampling
+from depthcli.core.options import AUTO_TILE, Upsampling
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.lab.metrics.alignment import align
 from depthcli.lab.metrics.boundary import BoundaryScores, boundary_scores
 from depthcli.lab.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
+from depthcli.lab.options import Alignment, Averaging, Crop, Mask
 
 EIGEN_ROWS = slice(45, 471)
 EIGEN_COLUMNS = slice(41, 601)

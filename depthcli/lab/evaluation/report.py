@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from depthcli.core.options import Alignment, Part
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.lab.datasets.base import ALL_PAIRS, HELD_OUT, SplitName
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores
 from depthcli.lab.metrics.depth import METRICS, PixelSums, Scores, finite_or_none
+from depthcli.lab.options import Alignment, Part
 
 PUBLISHED_COUNT = 449
 _TRAINING = ("paired", "seeds", "epochs", "epochs_planned", "steps", "minutes", "parameters", "ms")

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from depthcli.core.options import Alignment, Averaging
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import UsageError
 from depthcli.io.storage.paths import read_bytes
@@ -21,6 +20,7 @@ from depthcli.lab.evaluation.report import (
     mean_of,
 )
 from depthcli.lab.metrics.depth import METRICS, Metric, Scores
+from depthcli.lab.options import Alignment, Averaging
 
 _WORDS = ("name", "description")  # of a protocol, made of its other fields
 

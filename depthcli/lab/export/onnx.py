@@ -10,13 +10,13 @@ from typing import Any
 
 from onnx import helper
 
-from depthcli.core.options import Weights
 from depthcli.core.types import DepthKind
 from depthcli.errors import ModelError, UsageError
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.lab.datasets import base as datasets
 from depthcli.lab.export import graph, int8
 from depthcli.lab.metrics.pixels import MIN_DEPTH_M
+from depthcli.lab.options import Weights
 from depthcli.lab.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.lab.training.provenance import TrainedRun, data_set
 from depthcli.models import card as cards

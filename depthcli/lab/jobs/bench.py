@@ -12,13 +12,14 @@ import numpy as np
 from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.parallel import one_thread_each, ordered_map, share_cores
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.measure import Latency, depth_for_trial, measure_latencies
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.transforms import prepare
+from depthcli.inference.trial import depth_for_trial
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.images.read import read_image
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.storage.temporary import temporary_folder
+from depthcli.lab.jobs.latency import Latency, measure_latencies
 
 _MIN_PICTURES = 5
 

@@ -5,11 +5,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from depthcli.core.options import AnchorsFit, Mask, UpsamplingOptions, Weights
+from depthcli.core.options import AnchorsFit, UpsamplingOptions
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.measure import measure_latencies, network_run
 from depthcli.io.depth.read import AS_STATED, DepthReadOptions
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.storage.atomic import atomic_path, is_special, write_text
@@ -30,7 +29,9 @@ from depthcli.lab.evaluation.predictors import (
 )
 from depthcli.lab.evaluation.report import EvalReport
 from depthcli.lab.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
+from depthcli.lab.jobs.latency import measure_latencies, network_run
 from depthcli.lab.metrics.pixels import MAX_DEPTH_M
+from depthcli.lab.options import Mask, Weights
 from depthcli.lab.training.provenance import TrainedRun, data_set
 
 _OWN_CSV, _OWN_HTML = b"name,source,align,", b"<footer>depthcli "

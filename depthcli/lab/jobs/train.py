@@ -6,10 +6,10 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from depthcli.core.options import Tracker
 from depthcli.core.progress import Interrupt
 from depthcli.lab.datasets.folders import open_paired_folder
 from depthcli.lab.datasets.training_data import open_training_data
+from depthcli.lab.options import Tracker
 from depthcli.lab.training.callbacks import Callback
 from depthcli.lab.training.config import TrainConfig
 from depthcli.lab.training.init_weights import weights_file

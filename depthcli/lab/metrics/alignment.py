@@ -11,8 +11,8 @@ disparity); Zhou et al., "Unsupervised Learning of Depth and Ego-Motion from Vid
 import numpy as np
 
 from depthcli.core.arrays import Float64Array
-from depthcli.core.options import Alignment
 from depthcli.core.types import DepthKind
+from depthcli.lab.options import Alignment
 
 SUITABLE: dict[DepthKind, tuple[Alignment, ...]] = {
     DepthKind.METRIC: tuple(Alignment),

@@ -20,9 +20,9 @@ import cv2
 import numpy as np
 
 from depthcli.core.arrays import Float64Array
-from depthcli.core.options import Averaging
 from depthcli.errors import UsageError
 from depthcli.lab.metrics.pixels import DepthPixels
+from depthcli.lab.options import Averaging
 
 _MAX_DOT = 10_000  # with more elements, OpenBLAS starts its own threads
 

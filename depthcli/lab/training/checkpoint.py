@@ -12,10 +12,10 @@ from typing import Any, Self
 import torch
 from torch import nn
 
-from depthcli.core.options import Weights
 from depthcli.core.validation import FieldError, merged, validated
 from depthcli.errors import CheckpointError, OutputError, TrainingError, UsageError
 from depthcli.io.storage.temporary import temporary_beside
+from depthcli.lab.options import Weights
 from depthcli.lab.training.config import TrainConfig, check_config
 from depthcli.lab.training.networks.build import build_network
 from depthcli.lab.training.provenance import DataProvenance, TrainState

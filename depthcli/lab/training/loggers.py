@@ -17,8 +17,8 @@ from typing import Any, ClassVar
 import cv2
 import numpy as np
 
-from depthcli.core.options import Tracker
 from depthcli.errors import TrainingError
+from depthcli.lab.options import Tracker
 from depthcli.lab.training.callbacks import Callback, sample_path
 from depthcli.lab.training.checkpoint import write_errors
 from depthcli.lab.training.config import TrainConfig

@@ -14,7 +14,6 @@ from helpers.small_set import HEIGHT, WIDTH, Playback, noisy, small_set
 from helpers.tiny import write_model
 from helpers.watched import Watched
 
-from depthcli.core.options import Alignment, Averaging
 from depthcli.core.types import DepthKind
 from depthcli.errors import DatasetError, UsageError
 from depthcli.inference.loading import SessionLoader
@@ -25,6 +24,7 @@ from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.evaluation.report import PUBLISHED, Source
 from depthcli.lab.evaluation.task import plan_nyu
 from depthcli.lab.metrics.boundary import boundary_scores, mean_boundary_scores
+from depthcli.lab.options import Alignment, Averaging
 
 SMALL = (WIDTH, HEIGHT)
 PROTOCOL = EvalProtocol(full_size_px=SMALL)

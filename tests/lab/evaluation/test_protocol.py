@@ -3,11 +3,12 @@ import pytest
 from helpers import plain_evaluator as plain
 from helpers.small_set import HEIGHT, WIDTH, noisy, small_set
 
-from depthcli.core.options import AUTO_TILE, Alignment, Averaging, Crop, Mask, Upsampling
+from depthcli.core.options import AUTO_TILE, Upsampling
 from depthcli.core.types import DepthMap
 from depthcli.errors import DatasetError
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.metrics.depth import PixelSums
+from depthcli.lab.options import Alignment, Averaging, Crop, Mask
 
 SMALL = (WIDTH, HEIGHT)
 

@@ -10,7 +10,6 @@ from helpers.small_set import Playback, SmallSet, noisy, small_set
 from helpers.watched import Watched
 
 from depthcli._version import __version__
-from depthcli.core.options import Alignment
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import UsageError
 from depthcli.io.formats.preview import PreviewWriter, contact_sheet
@@ -22,6 +21,7 @@ from depthcli.lab.evaluation.report import EvalReport, ImageScores, ReportRow, S
 from depthcli.lab.evaluation.task import EvalTask
 from depthcli.lab.metrics.boundary import BoundaryScores
 from depthcli.lab.metrics.depth import Scores
+from depthcli.lab.options import Alignment
 
 SCORES = Scores((0.125, 0.0625, 0.5, 0.25, 0.1, 0.75, 0.875, 1.0, 12.345))
 EDGES = BoundaryScores(1.5, 2.255, 0.5)

@@ -13,7 +13,6 @@ import pytest
 from helpers.small_set import HEIGHT, WIDTH, Playback, SmallSet, noisy, small_set
 from helpers.tiny import write_model
 
-from depthcli.core.options import Alignment, Averaging
 from depthcli.errors import DatasetError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.lab.datasets.base import HELD_OUT, NYU, Split, SplitName
@@ -30,6 +29,7 @@ from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.evaluation.report import PUBLISHED, EvalReport, ImageScores, ReportRow, Source
 from depthcli.lab.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
 from depthcli.lab.metrics.depth import METRICS, Scores
+from depthcli.lab.options import Alignment, Averaging
 from depthcli.lab.training.config import DataConfig, OptimConfig, TrainConfig
 from depthcli.lab.training.provenance import DataProvenance, TrainedRun, TrainState
 

@@ -12,7 +12,6 @@ from helpers import plain_evaluator as plain
 from helpers.small_set import HEIGHT, WIDTH, Playback, noisy, small_set
 
 from depthcli.cli.app import main
-from depthcli.core.options import Alignment, Averaging, Part
 from depthcli.errors import DatasetError, UsageError
 from depthcli.lab.datasets.base import SplitName
 from depthcli.lab.evaluation.evaluate import EvalOptions, evaluate
@@ -23,6 +22,7 @@ from depthcli.lab.evaluation.report import EvalReport
 from depthcli.lab.evaluation.saved import compare_reports, read_report
 from depthcli.lab.evaluation.task import plan_nyu, plan_pairs, train_overlap, trained_numbers
 from depthcli.lab.metrics.depth import METRICS, add_metric
+from depthcli.lab.options import Alignment, Averaging, Part
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import ready_card
 

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from helpers.small import small_network, write_checkpoint
 
-from depthcli.core.options import Weights
 from depthcli.errors import DepthcliError, OutputError, ParityError, UsageError
 from depthcli.inference.transforms import input_layout
 from depthcli.lab.datasets.base import NYU
@@ -23,6 +22,7 @@ from depthcli.lab.export.onnx import (
     find_runs,
     open_run,
 )
+from depthcli.lab.options import Weights
 from depthcli.lab.training.checkpoint import Checkpoint
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model

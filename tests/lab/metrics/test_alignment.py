@@ -12,7 +12,6 @@ from helpers import plain_boundary as plain
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.core.options import Alignment, Averaging
 from depthcli.core.types import DepthKind
 from depthcli.lab.metrics import depth as accumulate
 from depthcli.lab.metrics.alignment import SUITABLE, align
@@ -26,6 +25,7 @@ from depthcli.lab.metrics.boundary import (
 )
 from depthcli.lab.metrics.depth import PixelSums, Scores, mean_scores
 from depthcli.lab.metrics.pixels import DepthPixels
+from depthcli.lab.options import Alignment, Averaging
 
 TRUTH = np.random.default_rng(2).uniform(0.5, 9.5, 300)
 SCALES = st.floats(0.01, 100)

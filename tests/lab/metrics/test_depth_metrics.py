@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from depthcli.core.options import Averaging
 from depthcli.errors import UsageError
 from depthcli.lab.metrics.depth import METRICS, PixelSums, Scores, add_metric, mean_scores
 from depthcli.lab.metrics.pixels import DepthPixels
+from depthcli.lab.options import Averaging
 
 
 def _plain_pairs(truth: npt.NDArray[np.float64], predicted: npt.NDArray[np.float64]) -> plain.Pairs:

@@ -17,12 +17,12 @@ from helpers.rooms import EFFICIENT, PAPER, Rooms, rooms, write_rooms
 from helpers.runs import inside, write_run
 from lightning_fabric import Fabric
 
-from depthcli.core.options import Tracker
 from depthcli.core.types import DepthMap
 from depthcli.io.formats.preview import percentiles
 from depthcli.lab.jobs.train import TrainRequest, train
 from depthcli.lab.metrics.depth import PixelSums
 from depthcli.lab.metrics.pixels import DepthPixels
+from depthcli.lab.options import Tracker
 from depthcli.lab.training.callbacks import (
     Callback,
     Validation,
