@@ -18,8 +18,8 @@ from depthcli.errors import InputError, UsageError, about
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.images.read import read_image, undistorted
+from depthcli.io.listing.folder import list_folder
 from depthcli.io.storage.paths import path_of
-from depthcli.lab.datasets.training_data import open_pairs
 
 _MOST_POINTS = 2000  # of an image, evenly spaced
 _SHIFT_POINTS = 10  # from which a shift is tried
@@ -48,7 +48,7 @@ class CalibrationRequest:
     name: str  #: of the camera
     pipeline: Pipeline  #: the model whose metres are corrected
     images: tuple[str, ...] = ()  #: image files of the camera
-    pairs: Path | None = None  #: or a folder of images and depth, as ``eval pairs`` reads
+    pairs: Path | None = None  #: or a folder with images in ``rgb/`` and their depth in ``depth/``
     #: known depth of the images: points of a single one, a file, or a folder with one for each
     anchors: AnchorFiles | tuple[Anchor, ...] = ()
     known_object: KnownObject | None = None  #: or an object of known height in a single image
@@ -145,13 +145,23 @@ def _known(request: CalibrationRequest) -> Iterator[tuple[Frame, AnchorPoints]]:
         if request.camera.is_undistorted:
             told = "its depth is of images with their distortion"
             raise UsageError(told, "leave {undistort} out", option="pairs")
-        dataset = open_pairs(request.pairs)
-        for i in range(len(dataset)):
-            yield dataset.frame(i), AnchorPoints.of_map(dataset.depth_m(i))
+        yield from _of_pairs(request.pairs)
         return
     for name in request.images:
         frame = undistorted(read_image(path_of(name)), request.camera)
         yield frame, _points(request, frame)
+
+
+def _of_pairs(folder: Path) -> Iterator[tuple[Frame, AnchorPoints]]:
+    """Images below ``rgb/``, and known depth of the same names below ``depth/``."""
+    images, depth = list_folder(str(folder / "rgb")).media, AnchorFiles(str(folder / "depth"))
+    if not images:
+        advice = "name the images, and the folder of their depth with {anchors}"
+        raise UsageError(f"{folder} has no images in rgb/", advice, option="pairs")
+    for image in images:
+        frame = read_image(image.readable_path())
+        points = replace(depth, path=str(depth.file_for(image.name))).read()
+        yield frame, replace(points, warnings=())  # of assumed millimetres, which the help states
 
 
 def _points(request: CalibrationRequest, frame: Frame) -> AnchorPoints:

@@ -13,7 +13,7 @@ from helpers.tiny import fixed_inside, load, synthetic_picture, write_model, wri
 
 import depthcli
 from depthcli.core.camera import CameraScale, Intrinsics, hfov_deg
-from depthcli.errors import InputError
+from depthcli.errors import InputError, UsageError
 from depthcli.io.calibration import keep_camera, kept_camera
 from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.depth.clouds import projected
@@ -173,3 +173,21 @@ def test_needs_known_depth(pipeline: Pipeline, tmp_path: Path) -> None:
     known = AnchorFiles(str(tmp_path / "a.npy"))
     with pytest.raises(InputError):
         calibrate(CalibrationRequest("a", pipeline, (str(name),), anchors=known))
+
+
+def test_pairs_are_images_and_depth_of_the_same_names(pipeline: Pipeline, tmp_path: Path) -> None:
+    for name, factor in (("a", 1.25), ("hall/b", 1.25)):
+        image = write_picture(tmp_path / "rgb" / f"{name}.png", synthetic_picture())
+        depth_m = factor * pipeline.predict(read_image(image)).depth.values
+        (tmp_path / "depth" / name).parent.mkdir(parents=True, exist_ok=True)
+        np.save(tmp_path / "depth" / f"{name}.npy", depth_m)
+    done = calibrate(CalibrationRequest("robot", pipeline, pairs=tmp_path))
+    assert (done.scale.images, done.scale.scale) == (2, pytest.approx(1.25, rel=1e-5))
+    (tmp_path / "depth" / "a.npy").unlink()
+    with pytest.raises(InputError, match="has no known depth for it: a with"):
+        calibrate(CalibrationRequest("robot", pipeline, pairs=tmp_path))
+    with pytest.raises(InputError, match="rgb cannot be listed"):
+        calibrate(CalibrationRequest("robot", pipeline, pairs=tmp_path / "depth"))
+    (tmp_path / "empty" / "rgb").mkdir(parents=True)
+    with pytest.raises(UsageError, match="has no images in rgb/"):
+        calibrate(CalibrationRequest("robot", pipeline, pairs=tmp_path / "empty"))

@@ -22,7 +22,8 @@ class KnownOptions(options.KnownDepthOptions):
     """Known depth."""
 
     pairs: Path | None = options.option(
-        "Folder of images and their depth, as 'eval pairs' reads it, in place of IMG.",
+        "Folder with images in rgb/ and depth files of the same names in depth/, in place of IMG; "
+        "integers are millimetres if the files do not state another unit.",
         metavar="DIR",
     )
     known_object: str | None = options.option(
