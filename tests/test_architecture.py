@@ -94,6 +94,12 @@ def test_diagram_has_the_imports_between_folders(half: tuple[str, str]) -> None:
     assert arrows - imports == set()
 
 
+def test_the_product_names_the_laboratory_in_the_table_of_commands_alone() -> None:
+    files = [path for path in PACKAGE.rglob("*.py") if PACKAGE / "lab" not in path.parents]
+    naming = [path.name for path in files if re.search(r"\blab[./]", path.read_text("utf-8"))]
+    assert naming == ["table.py"]
+
+
 def test_imports_have_no_cycle() -> None:
     """Imports for types alone and those within functions count as well."""
     graph = grimp.build_graph("depthcli")
