@@ -13,20 +13,25 @@ Run: ``python benchmarks/batch_throughput.py [--pictures 500] [--rounds 3] [--up
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import shutil
 import statistics
-import subprocess
-import sys
 import tempfile
-import time
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import cv2
-from tools import write_pictures
+from tools import (
+    DEPTHCLI,
+    Stages,
+    parse_options,
+    print_spread,
+    print_stages,
+    process,
+    ratios,
+    wall_s,
+    write_pictures,
+)
 
 from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.parallel import usable_cores
@@ -39,9 +44,9 @@ from depthcli.jobs.write import write_output
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    import argparse
+    from collections.abc import Sequence
 
-_Result = TypeVar("_Result")
 _UNMEASURED = 5
 
 PLAIN = """
@@ -69,32 +74,12 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-class Stages:
-    """CPU seconds of each stage over several pictures."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, list[float]] = {}
-
-    def __call__(self, name: str, action: Callable[[], _Result]) -> _Result:
-        """Measure one stage of one picture."""
-        start = time.process_time()
-        result = action()
-        self.seconds.setdefault(name, []).append(time.process_time() - start)
-        return result
-
-    @property
-    def total_s(self) -> float:
-        """CPU seconds of one picture."""
-        return sum(map(statistics.median, self.seconds.values()))
-
-
-def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace) -> Stages:
+def measure_stages(pictures: Sequence[Path], out: Path, options: argparse.Namespace) -> Stages:
     """Each stage of ``batch`` in one thread, after five pictures unmeasured."""
     cv2.setNumThreads(1)
-    settings = dict(setting.split("=", 1) for setting in how.provider_option)
-    loader = SessionLoader(how.model, how.provider, threads=1, provider_options=settings)
-    pipeline = Pipeline(loader.load(), UpsamplingOptions(how.upsample))
-    options = WriterOptions()
+    settings = dict(setting.split("=", 1) for setting in options.provider_option)
+    loader = SessionLoader(options.model, options.provider, threads=1, provider_options=settings)
+    pipeline = Pipeline(loader.load(), UpsamplingOptions(options.upsample))
     model = pipeline.session.model
     origin = CacheKey("0" * 64, model.card.name, model.sha256, "")
     journal = Journal(out.parent / "rows")
@@ -103,41 +88,28 @@ def measure_stages(pictures: Sequence[Path], out: Path, how: argparse.Namespace)
         if number == _UNMEASURED:
             stages = Stages()
         data = stages("read", path.read_bytes)
-        sha256 = stages("checksum of input", partial(_sha256, data))
-        frame = stages("decode", partial(read_image, path, data))
-        depth = stages("predict", partial(pipeline.predict, frame)).depth
-        stages(
-            "encode and write",
-            partial(write_output, options, Format.PNG16, depth, frame, out),
-        )
-        file = stages("checksum of output", partial(output_entry, out.parent, out))
+        sha256 = stages("checksum of input", lambda data=data: hashlib.sha256(data).hexdigest())
+        frame = stages("decode", read_image, path, data)
+        depth = stages("predict", pipeline.predict, frame).depth
+        stages("encode and write", write_output, WriterOptions(), Format.PNG16, depth, frame, out)
+        file = stages("checksum of output", output_entry, out.parent, out)
         row = ManifestRow(path.name, OK, origin, (file,), 0.04, sha256)
-        stages("row of the manifest", partial(journal.add, row))
+        stages("row of the manifest", journal.add, row)
     journal.finish([])
     return stages
 
 
-def _sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
-
-
-def timed(*command: str) -> float:
-    """Wall seconds of a process."""
-    start = time.perf_counter()
-    subprocess.run(command, check=True, capture_output=True)
-    return time.perf_counter() - start
-
-
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pictures", type=int, default=500)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--upsample", type=Upsampling, default=Upsampling.GUIDED)
-    parser.add_argument("--model", default="default")
-    parser.add_argument("--provider", default="cpu")
-    parser.add_argument("--provider-option", action="append", default=[])
-    options = parser.parse_args()
+    options = parse_options(
+        __doc__,
+        pictures=500,
+        rounds=3,
+        upsample=Upsampling.GUIDED,
+        model="default",
+        provider="cpu",
+        provider_option=[],
+    )
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         pictures = write_pictures(folder / "in", options.pictures)
@@ -146,42 +118,32 @@ def main() -> None:
         compare(folder, pictures, options)
 
 
-def compare(folder: Path, pictures: list[Path], how: argparse.Namespace) -> None:
+def compare(folder: Path, pictures: list[Path], options: argparse.Namespace) -> None:
     """Stages, batch and script in turn."""
-    model = find_model(how.model)
-    spec = model.card.input
-    sizes = (str(spec.width), str(spec.height))
+    model = find_model(options.model)
+    size = (str(model.card.input.width), str(model.card.input.height))
     source, out = str(folder / "in"), str(folder / "out")
-    words = ["batch", source, "--out", out, "--provider", how.provider]
-    words += ["--upsample", how.upsample.value, "--model", how.model]
-    for word in how.provider_option:
-        words += ["--provider-option", word]
-    batch = (sys.executable, "-m", "depthcli", *words)
-    threads = (sys.executable, "-c", THREADS, *words)
-    script = (sys.executable, "-c", PLAIN, source, str(model.path), out, *sizes)
-    shares, ratios, gains = [], [], []
-    for _ in range(how.rounds):
-        stages = measure_stages(pictures[:65], folder / "one.png", how)
-        walls = []
-        for command in (batch, script, threads):
-            walls.append(timed(*command))
+    words = ["batch", source, "--out", out, "--provider", options.provider]
+    words += ["--upsample", options.upsample.value, "--model", options.model]
+    for setting in options.provider_option:
+        words += ["--provider-option", setting]
+    commands = {
+        "batch": process(*DEPTHCLI[1:], *words),
+        "script": process("-c", PLAIN, source, str(model.path), out, *size),
+        "one process": process("-c", THREADS, *words),
+    }
+    rates: dict[str, list[float]] = {name: [] for name in ("limit", *commands)}
+    for _ in range(options.rounds):
+        stages_s = measure_stages(pictures[:65], folder / "one.png", options).each_s()
+        rates["limit"].append(usable_cores() / sum(stages_s.values()))
+        for name, command in commands.items():
+            rates[name].append(len(pictures) / wall_s(command))
             shutil.rmtree(out)
-        limit = usable_cores() / stages.total_s
-        rate, plain_rate, thread_rate = (len(pictures) / wall for wall in walls)
-        shares.append(rate / limit)
-        ratios.append(rate / plain_rate)
-        gains.append(rate / thread_rate)
-        print(f"limit {limit:.1f}/s  batch {rate:.1f}/s  script {plain_rate:.1f}/s")
-    for stage, seconds in stages.seconds.items():
-        print(f"  {stage:<20} {statistics.median(seconds) * 1e3:6.2f} ms CPU")
-    print(f"share of the limit {statistics.median(shares):.3f}  ({spread(shares)})")
-    print(f"ratio to the script {statistics.median(ratios):.2f}  ({spread(ratios)})")
-    print(f"ratio to one process {statistics.median(gains):.2f}  ({spread(gains)})")
-
-
-def spread(values: Sequence[float]) -> str:
-    """The least and the largest."""
-    return f"{min(values):.3f} to {max(values):.3f}"
+        print("  ".join(f"{name} {values[-1]:.1f}/s" for name, values in rates.items()))
+    print_stages(stages_s)
+    print_spread("share of the limit", ratios(rates["batch"], rates["limit"]))
+    print_spread("ratio to the script", ratios(rates["batch"], rates["script"]))
+    print_spread("ratio to one process", ratios(rates["batch"], rates["one process"]))
 
 
 if __name__ == "__main__":

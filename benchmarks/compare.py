@@ -7,24 +7,23 @@ depthcli is installed: without it each start would compile the source anew.
 Run: ``python benchmarks/compare.py OTHER_TREE [--rounds 7]``
 """
 
-import argparse
+from __future__ import annotations
+
 import os
 import shutil
 import statistics
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
-from tools import write_pictures, write_video
+from tools import DEPTHCLI, Usage, parse_options, usage, write_pictures, write_video
 
 HERE = Path(__file__).parents[1]
 FRAMES = 60
 
 
-def cost(tree: Path, words: list[str], out: Path) -> tuple[float, float]:
-    """CPU milliseconds and peak MB of a command of one tree; what it writes is removed."""
-    command = [sys.executable, "-m", "depthcli", *words]
+def cost(tree: Path, words: list[str], out: Path) -> Usage:
+    """Of a command of one tree; what it writes is removed."""
     environment = {
         **os.environ,
         "PYTHONPATH": str(tree),
@@ -32,21 +31,14 @@ def cost(tree: Path, words: list[str], out: Path) -> tuple[float, float]:
         "PYTHONPYCACHEPREFIX": str(out.parent / "bytecode"),
     }
     # Python looks for modules where it is started before it looks where PYTHONPATH says.
-    running = subprocess.Popen(command, env=environment, cwd=out.parent, stdout=subprocess.DEVNULL)
-    _, status, usage = os.wait4(running.pid, 0)
-    running.returncode = os.waitstatus_to_exitcode(status)
-    if running.returncode:
-        raise subprocess.CalledProcessError(running.returncode, command)
+    used = usage((*DEPTHCLI, *words), env=environment, cwd=out.parent, stdout=subprocess.DEVNULL)
     shutil.rmtree(out, ignore_errors=True)
-    return (usage.ru_utime + usage.ru_stime) * 1e3, usage.ru_maxrss / 1e3
+    return used
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("other", type=Path)
-    parser.add_argument("--rounds", type=int, default=7)
-    options = parser.parse_args()
+    options = parse_options(__doc__, "other", rounds=7)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         picture = write_pictures(folder / "in", FRAMES)[0]
@@ -65,12 +57,13 @@ def main() -> None:
                 [cost(tree, words, out) for tree in (options.other.resolve(), HERE)]
                 for _ in range(options.rounds + 1)
             ][1:]
-            then, now = (statistics.median(run[i][0] for run in runs) for i in (0, 1))
-            cpu = sorted(run[0][0] / run[1][0] for run in runs)
-            memory = statistics.median(run[0][1] / run[1][1] for run in runs)
+            then, now = (statistics.median(run[i].cpu_s for run in runs) for i in (0, 1))
+            cpu = sorted(run[0].cpu_s / run[1].cpu_s for run in runs)
+            memory = statistics.median(run[0].peak_bytes / run[1].peak_bytes for run in runs)
             print(
-                f"{label:<24} {then:6.0f} -> {now:6.0f} ms CPU, ratio {statistics.median(cpu):.3f} "
-                f"({cpu[0]:.3f} to {cpu[-1]:.3f}), memory {memory:.3f}"
+                f"{label:<24} {then * 1e3:6.0f} -> {now * 1e3:6.0f} ms CPU, ratio "
+                f"{statistics.median(cpu):.3f} ({cpu[0]:.3f} to {cpu[-1]:.3f}), "
+                f"memory {memory:.3f}"
             )
 
 

@@ -1,74 +1,71 @@
 """Time of predictions with known depth, one image of 640×480 at a time, on one thread.
 
 Figure of merit: median time of a prediction by ``prompted``, without reading and writing, and its
-ratio to that of ``default`` without known depth. They take turns, on views of
-docs/room.jpg, whose known depth is drawn from the estimate of ``default``.
+ratio to that of ``default`` without known depth. They take turns, on views of a room; known depth
+is drawn from that of ``default``.
 Run: ``python benchmarks/known_depth_time.py [PATTERN ...] [--rounds N]``, with patterns of ``eval
 --prompt``
 """
 
 from __future__ import annotations
 
-import argparse
 import os
-from collections.abc import Callable
+import tempfile
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import cv2
 import numpy as np
-from tools import Timing, alternate, write_pictures
+from tools import alternate, parse_options, write_pictures
 
 import depthcli
 from depthcli.core.anchors import AnchorPoints
-from depthcli.core.types import DepthMap, Frame
-from depthcli.lab.datasets.prompts import Prompt, parsed_prompt
+from depthcli.lab.datasets.prompts import parsed_prompt
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from depthcli.core.types import Frame
 
 PATTERNS = ["uniform:100", "uniform:500", "uniform:3000", "camera:64", "lidar:4"]
-IMAGES = 4
+VIEWS = 4
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("patterns", nargs="*", default=PATTERNS)
-    parser.add_argument("--rounds", type=int, default=10)
-    options = parser.parse_args()
+    options = parse_options(__doc__, rest=("patterns", PATTERNS), rounds=10)
     cv2.setNumThreads(1)
-    with TemporaryDirectory() as folder:
-        frames = [depthcli.read_image(path) for path in write_pictures(Path(folder), IMAGES)]
-    default = depthcli.load_model("default", provider="cpu", threads=1).pipeline
-    maps = [default.predict(frame).depth for frame in frames]
-    jobs = {"default, none": _runs("default", frames, [None] * IMAGES)}
+    with tempfile.TemporaryDirectory() as folder:
+        frames = [depthcli.read_image(path) for path in write_pictures(Path(folder), VIEWS)]
+    default, prompted = (
+        depthcli.load_model(name, provider="cpu", threads=1).pipeline
+        for name in ("default", "prompted")
+    )
+    depths_m = [default.predict(frame).depth.values for frame in frames]
+    actions = {"default, none": runs(default, frames, [None] * VIEWS)}
     for pattern in options.patterns:
-        prompt = parsed_prompt(pattern)
-        points = [
-            _points(prompt, *pair, i) for i, pair in enumerate(zip(frames, maps, strict=True))
-        ]
-        jobs[f"prompted, {pattern}"] = _runs("prompted", frames, points)
-    measured = [
-        Timing(tuple(seconds / IMAGES for seconds in timing.seconds))
-        for timing in alternate(list(jobs.values()), options.rounds)
-    ]
-    for name, timing in zip(jobs, measured, strict=True):
-        ratio = timing.median_s / measured[0].median_s
-        print(f"{name:24} {timing}   {ratio:.2f} of the first")
+        points = [drawn(pattern, *pair) for pair in zip(frames, depths_m, strict=True)]
+        actions[f"prompted, {pattern}"] = runs(prompted, frames, points)
+    timings = alternate(list(actions.values()), options.rounds, per=VIEWS)
+    for name, timing in zip(actions, timings, strict=True):
+        print(f"{name:24} {timing}   {timing.median_s / timings[0].median_s:.2f} of the first")
 
 
-def _points(prompt: Prompt, frame: Frame, depth: DepthMap, seed: int) -> AnchorPoints:
-    gray = frame.pixels.max(2).astype(np.float32)
-    return AnchorPoints.of_map(prompt.draw(depth.values, gray, np.random.default_rng(seed)))
+def drawn(pattern: str, frame: Frame, depth_m: np.ndarray) -> AnchorPoints:
+    """Points of a map by a pattern."""
+    gray = frame.pixels_8bit().max(2).astype(np.float32)
+    return AnchorPoints.of_map(parsed_prompt(pattern).draw(depth_m, gray, np.random.default_rng(0)))
 
 
-def _runs(
-    name: str, frames: list[Frame], points: list[AnchorPoints | None]
+def runs(
+    pipeline: depthcli.Pipeline, frames: list[Frame], points: list[AnchorPoints | None]
 ) -> Callable[[], object]:
     """Predictions of all frames by a model, each with its points."""
-    pipeline = depthcli.load_model(name, provider="cpu", threads=1).pipeline
     return lambda: [
-        pipeline.predict(frame, anchors=one) for frame, one in zip(frames, points, strict=True)
+        pipeline.predict(frame, anchors=anchors)
+        for frame, anchors in zip(frames, points, strict=True)
     ]
 
 

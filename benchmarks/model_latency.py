@@ -7,7 +7,6 @@ Run: ``python benchmarks/model_latency.py [MODEL ...] [--threads N]``
 
 from __future__ import annotations
 
-import argparse
 import os
 from functools import partial
 
@@ -15,7 +14,7 @@ from functools import partial
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import numpy as np
-from tools import Timing, alternate
+from tools import alternate, parse_options
 
 import depthcli
 
@@ -24,18 +23,11 @@ TURN = 10
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("models", nargs="*", default=["default"])
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--rounds", type=int, default=10)
-    options = parser.parse_args()
+    options = parse_options(__doc__, rest=("models", ["default"]), threads=2, rounds=10)
     prepared = [ten_runs(name, options.threads) for name in options.models]
     square = np.random.default_rng(1).uniform(size=(512, 512)).astype(np.float32)
-    *models, yardstick = (
-        Timing(tuple(seconds / TURN for seconds in timing.seconds))
-        for timing in alternate(
-            [*prepared, lambda: [square @ square for _ in range(TURN)]], options.rounds
-        )
+    *models, yardstick = alternate(
+        [*prepared, lambda: [square @ square for _ in range(TURN)]], options.rounds, per=TURN
     )
     print(f"{options.threads} threads; 512³ matmul {yardstick}")
     for name, timing in zip(options.models, models, strict=True):

@@ -9,12 +9,10 @@ Run: ``python benchmarks/smoothness.py NYU [--model default ...] [--upsample gui
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
 import cv2
 import numpy as np
 import numpy.typing as npt
+from tools import parse_options
 
 import depthcli
 from depthcli.core.surface import surface_of
@@ -26,22 +24,20 @@ AROUND_PX = 15
 EVERY = 3
 
 
-def roughness_deg(found: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def roughness_deg(normals: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Angle between each normal (H, W, 3) and the mean of those around it, (H, W)."""
-    around = cv2.blur(found, (AROUND_PX, AROUND_PX))
+    around = cv2.blur(normals, (AROUND_PX, AROUND_PX))
     around /= np.linalg.norm(around, axis=2, keepdims=True)
-    return np.asarray(np.degrees(np.arccos((found * around).sum(2).clip(-1, 1))))
+    return np.asarray(np.degrees(np.arccos((normals * around).sum(2).clip(-1, 1))))
 
 
 def main() -> None:
     """Print the mean and the median of each model."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("nyu", type=Path)
-    parser.add_argument("--model", action="append")
-    parser.add_argument("--upsample", choices=["guided", "bilinear"], default="guided")
-    options = parser.parse_args()
-    task = plan_nyu(open_nyu(options.nyu), SplitName.VAL, None)
-    for name in options.model or ["default", "float", "fast"]:
+    options = parse_options(
+        __doc__, "nyu", model=["default", "float", "fast"], upsample="guided", limit=int
+    )
+    task = plan_nyu(open_nyu(options.nyu), SplitName.VAL, options.limit)
+    for name in options.model:
         detail = depthcli.UpsamplingOptions(upsampling=options.upsample)
         model = depthcli.load_model(name, provider="cpu", detail=detail)
         angles = []

@@ -1,29 +1,71 @@
-"""Tools of the benchmarks: timing in turns, peak memory, and images and videos to work on."""
+"""What the benchmarks share: options, timing in turns, cost of processes, images and videos."""
 
 from __future__ import annotations
 
+import argparse
 import os
+import resource
 import shutil
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
+from collections import defaultdict
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
 import cv2
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
 _SETTLE_S = 0.05
 """Idle threads of the action before spin for a while."""
 _UNIT = 1 if sys.platform == "darwin" else 1024  # of ru_maxrss
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed package need not be compiled again
 ROOM = Path(__file__).parents[1] / "docs" / "room.jpg"
 WIDTH, HEIGHT = 640, 480
+DEPTHCLI = (sys.executable, "-m", "depthcli")
+
+
+def parse_options(
+    description: str | None,
+    *paths: str,
+    rest: tuple[str, Sequence[Any]] | None = None,
+    **defaults: Any,  # noqa: ANN401
+) -> argparse.Namespace:
+    """Parse the command line of a benchmark.
+
+    Args:
+        description: the module's docstring.
+        paths: names of positional arguments.
+        rest: name of further positional arguments, and what stands for them if there are none.
+        defaults: options; a type stands for an option of this type without a default, a list for
+            one of several values, False for a flag.
+    """
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    for name in paths:
+        parser.add_argument(name, type=Path)
+    if rest is not None:
+        name, values = rest
+        parser.add_argument(name, nargs="*", type=type(values[0]), default=list(values))
+    for name, default in defaults.items():
+        option = f"--{name.replace('_', '-')}"
+        if default is False:
+            parser.add_argument(option, action="store_true")
+        elif isinstance(default, type):
+            parser.add_argument(option, type=default)
+        elif isinstance(default, list):
+            item = type(default[0]) if default else str
+            parser.add_argument(option, type=item, nargs="+", default=default)
+        else:
+            parser.add_argument(option, type=type(default), default=default)
+    return parser.parse_args()
 
 
 class Timing(NamedTuple):
@@ -48,20 +90,26 @@ class Timing(NamedTuple):
         )
 
 
-def alternate(actions: Sequence[Callable[[], object]], runs: int) -> list[Timing]:
+def alternate(actions: Sequence[Callable[[], object]], runs: int, *, per: int = 1) -> list[Timing]:
     """Time actions in turn, A B A B …, so that a drifting machine drifts for all of them.
 
-    Each runs twice unmeasured first.
+    Each runs twice unmeasured first. Seconds are those of an action, divided by ``per``.
     """
     seconds: list[list[float]] = [[] for _ in actions]
     for run in range(runs + 2):
         for action, measured in zip(actions, seconds, strict=True):
             time.sleep(_SETTLE_S)
-            start = time.perf_counter()
-            action()
+            elapsed_s = wall_s(action)
             if run > 1:
-                measured.append(time.perf_counter() - start)
+                measured.append(elapsed_s / per)
     return [Timing(tuple(measured)) for measured in seconds]
+
+
+def wall_s(action: Callable[[], object]) -> float:
+    """Seconds that an action takes."""
+    start = time.perf_counter()
+    action()
+    return time.perf_counter() - start
 
 
 def process(*arguments: str) -> Callable[[], object]:
@@ -70,43 +118,87 @@ def process(*arguments: str) -> Callable[[], object]:
     return lambda: subprocess.run(command, check=True, capture_output=True)
 
 
-def peak_bytes(words: Sequence[str], out: Path) -> int:
-    """Peak resident memory of ``depthcli WORDS --out OUT``, whose outputs are removed."""
-    command = (sys.executable, "-m", "depthcli", *words, "--out", str(out), "--quiet")
-    peak = peak_of(command)
-    shutil.rmtree(out)
-    return peak
+class Stages:
+    """CPU seconds of the stages of one kind of work."""
+
+    def __init__(self) -> None:
+        self._seconds: dict[str, list[float]] = defaultdict(list)
+
+    def __call__(
+        self,
+        name: str,
+        action: Callable[_Arguments, _Result],
+        *arguments: _Arguments.args,
+        **named: _Arguments.kwargs,
+    ) -> _Result:
+        """Measure a stage once, with the threads that it starts."""
+        start = time.process_time()
+        result = action(*arguments, **named)
+        self._seconds[name].append(time.process_time() - start)
+        return result
+
+    def each_s(self, count: int | None = None) -> dict[str, float]:
+        """Seconds of each stage: the median of its calls, or their sum divided by ``count``."""
+        return {
+            name: sum(seconds) / count if count else statistics.median(seconds)
+            for name, seconds in self._seconds.items()
+        }
 
 
-def peak_of(command: Sequence[str]) -> int:
-    """Peak resident memory of a process."""
-    running = subprocess.Popen(command)
-    _, status, usage = os.wait4(running.pid, 0)
+def print_stages(stages_s: dict[str, float]) -> None:
+    """Print a line for each stage."""
+    for name, seconds in stages_s.items():
+        print(f"  {name:<20} {seconds * 1e3:6.2f} ms CPU")
+
+
+def print_spread(name: str, values: Sequence[float], unit: str = "") -> None:
+    """Print the median of some measurements, and the least and the largest."""
+    print(
+        f"{name:<44} {statistics.median(values):8.3f} {unit}  "
+        f"({min(values):.3f} to {max(values):.3f})"
+    )
+
+
+def ratios(values: Sequence[float], to: Sequence[float]) -> list[float]:
+    """Measurements divided by those of the same round."""
+    return [value / base for value, base in zip(values, to, strict=True)]
+
+
+def print_cost(what: str, action: Callable[[], object], count: int = 1) -> None:
+    """Print the time of some work on ``count`` things, and the peak memory of this process."""
+    cpu_s = time.process_time()
+    elapsed_s = wall_s(action)
+    cpu_s = time.process_time() - cpu_s
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _UNIT / 1e6
+    print(
+        f"{what:<24} {count:>11,} in {elapsed_s:6.1f} s, {1e3 * cpu_s / count:8.3f} ms CPU, "
+        f"{1e3 * elapsed_s / count:8.3f} ms wall each; peak {peak_mb:6.0f} MB",
+        flush=True,
+    )
+
+
+class Usage(NamedTuple):
+    """What a process used."""
+
+    cpu_s: float
+    peak_bytes: int
+
+
+def usage(command: Sequence[str], **options: Any) -> Usage:  # noqa: ANN401 - as of Popen
+    """Run a process to its end."""
+    running = subprocess.Popen(command, **options)
+    _, status, used = os.wait4(running.pid, 0)
     running.returncode = os.waitstatus_to_exitcode(status)
     if running.returncode:
         raise subprocess.CalledProcessError(running.returncode, command)
-    return usage.ru_maxrss * _UNIT
+    return Usage(used.ru_utime + used.ru_stime, used.ru_maxrss * _UNIT)
 
 
-def compare_peaks(commands: Mapping[int, Sequence[str]], what: str, rounds: int) -> None:
-    """Let two commands take turns, and print the peak of each run and their ratio.
-
-    Args:
-        commands: words of the command by how much it has to do, the smaller one first.
-        what: there is to do: "frames".
-        rounds: how often each one runs.
-    """
-    peaks: dict[int, list[int]] = {count: [] for count in commands}
-    with tempfile.TemporaryDirectory() as folder:
-        for _ in range(rounds):
-            for count, words in commands.items():
-                start = time.perf_counter()
-                peaks[count].append(peak_bytes(words, Path(folder) / "out"))
-                rate = count / (time.perf_counter() - start)
-                print(f"{count:5} {what}: {peaks[count][-1] / 1e6:6.1f} MB  {rate:.0f}/s")
-    few, many = (statistics.median(found) for found in peaks.values())
-    noise = max(max(found) / min(found) - 1 for found in peaks.values())
-    print(f"ratio {many / few:.3f}  (runs on as many {what} differ by {noise:.1%})")
+def peak_bytes(words: Sequence[str], out: Path) -> int:
+    """Peak resident memory of ``depthcli WORDS --out OUT``, whose outputs are removed."""
+    used = usage((*DEPTHCLI, *words, "--out", str(out), "--quiet"))
+    shutil.rmtree(out)
+    return used.peak_bytes
 
 
 def write_pictures(folder: Path, count: int) -> list[Path]:

@@ -5,29 +5,25 @@ each epoch and its checkpoints, no validation) against bare forward, backward an
 with the recipe's clipping and average, of the same networks on batches made before. One after the
 other in turn, in one process. Figure of merit: the overhead, bare ÷ loop − 1; it is to be at most
 5 %.
-Run: ``python benchmarks/training_throughput.py [--data DIR] [--rounds N]``
+Run: ``python benchmarks/training_throughput.py NYU [--rounds N]``
 """
 
 from __future__ import annotations
 
-import argparse
 import logging
-import statistics
 import tempfile
 import time
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import torch
 from lightning_fabric import Fabric
+from tools import Timing, alternate, parse_options
 
-from depthcli.lab.datasets.base import DepthDataset, Pair
 from depthcli.lab.datasets.nyu import open_nyu
 from depthcli.lab.datasets.training_data import TrainingData
-from depthcli.lab.training.callbacks import Callback, Callbacks
+from depthcli.lab.training.callbacks import Callback
 from depthcli.lab.training.data import Batches, PairStore, TrainingBatch
 from depthcli.lab.training.loggers import TensorBoardLogger
 from depthcli.lab.training.methods.registry import default_config
@@ -36,37 +32,10 @@ from depthcli.lab.training.run import Run, fit
 from depthcli.lab.training.settings import apply_overrides
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy.typing as npt
-
+    from depthcli.lab.datasets.base import DepthDataset
     from depthcli.lab.training.config import TrainConfig
 
 NO_VALIDATION = ["data.holdout_every=0", "optim.epochs_constant=1000", "optim.epochs_decay=1000"]
-
-
-@dataclass(frozen=True)
-class Noise(DepthDataset):
-    """Pairs of random pictures in memory."""
-
-    rgb: npt.NDArray[np.uint8]  #: (H, W, 3), rolled by the position of the pair
-    noise_m: npt.NDArray[np.float32]  #: (H, W), as well
-
-    def image(self, i: int) -> npt.NDArray[np.uint8]:
-        """A picture."""
-        return np.roll(self.rgb, i, 1)
-
-    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
-        """Its depth."""
-        return np.roll(self.noise_m, i, 1)
-
-
-def noise(count: int = 866) -> Noise:
-    """As many pairs as the training part of NYU has."""
-    rng = np.random.default_rng(0)
-    rgb = rng.integers(0, 256, (240, 320, 3), np.uint8)
-    pairs = tuple(Pair(f"{i:04d}", "room_1") for i in range(count))
-    return Noise(pairs, rgb, rng.uniform(1, 9, (240, 320)).astype(np.float32))
 
 
 class Stopwatch(Callback):
@@ -105,7 +74,7 @@ def loop(config: TrainConfig, dataset: DepthDataset, out: Path, steps: int) -> l
     watch, logger = Stopwatch(), TensorBoardLogger(out, config)
     fabric = Fabric(accelerator="auto", devices=1, precision=config.precision)
     data = TrainingData(dataset, "a benchmark's pairs", None)
-    fit(config, data, out, fabric, Callbacks(watch, logger), max_steps=steps + 1)
+    fit(config, data, out, fabric, watch, logger, max_steps=steps + 1)
     logger.close()
     return [after - before for before, after in pairwise(watch.ends)]
 
@@ -115,47 +84,32 @@ def measure(name: str, config: TrainConfig, dataset: DepthDataset, steps: int, r
     fabric = Fabric(accelerator="auto", devices=1, precision=config.precision)
     store = PairStore(dataset, range(len(dataset)), config.data)
     batches = Batches(store, config.data, config.optim.batch_size, 0, fabric.device)
-    made = [batches[step] for step in range(8)]
+    prepared = [batches[step] for step in range(8)]
     run = Run(config, fabric, batches.steps_per_epoch)
     alone: list[float] = []
     whole: list[float] = []
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(rounds):
-            alone += bare(run, made, steps + 1)[1:]
+            alone += bare(run, prepared, steps + 1)[1:]
             whole += loop(config, dataset, Path(folder), steps)
-        save_s = timed(lambda: run.save(Path(folder) / "again.ckpt"))
-    bare_s, batch_s = statistics.median(alone), timed(lambda: batches[9])
-    loop_s = statistics.median(whole) + save_s / (batches.steps_per_epoch * config.save_every)
-    low, _, high = statistics.quantiles(alone, n=4)
+        again = Path(folder) / "again.ckpt"
+        saving, batch = alternate([lambda: run.save(again), lambda: batches[9]], 7)
+    save_s, bare_s = saving.median_s, Timing(tuple(alone)).median_s
+    loop_s = Timing(tuple(whole)).median_s
+    loop_s += save_s / (batches.steps_per_epoch * config.save_every)
     size = batches.batch_size
     print(f"{name}: bare {size / bare_s:.2f} pictures/s, loop {size / loop_s:.2f} pictures/s")
-    print(
-        f"  overhead {loop_s / bare_s - 1:+.1%}  (noise of a step ±{(high - low) / 2 / bare_s:.0%})"
-    )
-    print(f"  a batch takes {batch_s / bare_s:.1%} of a step, saving {save_s:.2f} s")
-
-
-def timed(action: Callable[[], object]) -> float:
-    """Median seconds of a few calls."""
-    seconds = []
-    for _ in range(7):
-        start = time.perf_counter()
-        action()
-        seconds.append(time.perf_counter() - start)
-    return statistics.median(seconds)
+    noise = Timing(tuple(alone)).noise
+    print(f"  overhead {loop_s / bare_s - 1:+.1%}  (noise of a step ±{noise:.0%})")
+    print(f"  a batch takes {batch.median_s / bare_s:.1%} of a step, saving {save_s:.2f} s")
 
 
 def main() -> None:
     """Measure the shipped recipe and a small CycleGAN."""
     logging.getLogger("lightning_fabric").setLevel(logging.ERROR)
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, help="NYU pairs; default: random pictures")
-    parser.add_argument("--rounds", type=int, default=12)
-    parser.add_argument("--steps", type=int, default=12)
-    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
-    options = parser.parse_args()
+    options = parse_options(__doc__, "nyu", rounds=12, steps=12, threads=torch.get_num_threads())
     torch.set_num_threads(options.threads)
-    dataset = open_nyu(options.data) if options.data else noise()
+    dataset = open_nyu(options.nyu)
     for method, preset in (("proposed", "bundled"), ("cyclegan", "reduced")):
         config = apply_overrides(default_config(method), [preset_file(preset)], NO_VALIDATION)
         name = f"{method} --preset {preset}"
