@@ -17,14 +17,13 @@ Run (needs scipy): ``python benchmarks/known_depth.py NYU [--model default] [--n
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+from tools import parse_options
 
 import depthcli
 from depthcli.core.anchors import AnchorPoints, fit_anchors
@@ -51,7 +50,7 @@ CONDITIONS = {
 }
 
 PROMPTS = [
-    parsed_prompt(pattern + errors)
+    pattern + errors
     for pattern in ("corners:100", "lidar:1", "lidar:4", "camera:64")
     for errors in ("", ",noise=0.02,wrong=0.25")
 ]
@@ -59,17 +58,18 @@ PROMPTS = [
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=Path)
-    parser.add_argument("--model")
-    parser.add_argument("--split", type=SplitName, default=SplitName.VAL)
-    parser.add_argument("--limit", type=int)
-    parser.add_argument("--network", default="prompted")
-    parser.add_argument("--counts", default="5,20,100,500")
-    parser.add_argument("--prompts", nargs="*", type=parsed_prompt, default=PROMPTS)
-    options = parser.parse_args()
+    options = parse_options(
+        __doc__,
+        "data",
+        model="default",
+        split=SplitName.VAL,
+        limit=int,
+        network="prompted",
+        counts="5,20,100,500",
+        prompts=PROMPTS,
+    )
     task = plan_nyu(open_nyu(options.data), options.split, options.limit)
-    pipeline = depthcli.load_model(options.model or "default", provider="cpu").pipeline
+    pipeline = depthcli.load_model(options.model, provider="cpu").pipeline
     network = depthcli.load_model(options.network, provider="cpu").pipeline
     pairs = []
     for i in task.test:
@@ -81,12 +81,12 @@ def main() -> None:
         f"{'points':38}{'interpolation':>14}{'global':>10}{'local':>10}{'network':>10}{'worse':>8}"
     )
 
-    def show(name: str, known: Iterable[AnchorPoints | None]) -> None:
+    def show(name: str, anchors: Iterable[AnchorPoints | None]) -> None:
         rows = []
-        for (sample, depth, true_m), points in zip(pairs, known, strict=True):
+        for (sample, depth, true_m), points in zip(pairs, anchors, strict=True):
             if points:
-                found_m = network.predict(sample.frame, anchors=points).depth.values
-                rows.append([*errors(depth, true_m, points), abs_rel(found_m, true_m)])
+                depth_m = network.predict(sample.frame, anchors=points).depth.values
+                rows.append([*errors(depth, true_m, points), abs_rel(depth_m, true_m)])
         alone, *others = np.nanmean(rows, axis=0)
         worse = np.mean([row[3] > 1.02 * row[2] for row in rows])
         scores = f"{alone:14.4f}{''.join(f'{score:10.4f}' for score in others)}{worse:8.2f}"
@@ -98,7 +98,7 @@ def main() -> None:
             if where == "image" or count <= SQUARE_PX:
                 drawing = where, count, noise, wrong, random
                 show(f"{count:<8}{name}", (drawn(true_m, *drawing) for _, _, true_m in pairs))
-    for prompt in options.prompts:
+    for prompt in map(parsed_prompt, options.prompts):
         show(str(prompt), (sample.known_points(prompt) for sample, _, _ in pairs))
 
 
@@ -147,9 +147,9 @@ def errors(
 
 def abs_rel(depth_m: npt.NDArray[np.floating], true_m: npt.NDArray[np.float32]) -> float:
     """Mean of |predicted - true| ÷ true; pixels without depth count as the least depth."""
-    known = true_m > 0
-    clipped_m = np.nan_to_num(depth_m, nan=DEPTH_M[0])[known].clip(*DEPTH_M)
-    return float(np.abs(clipped_m / true_m[known] - 1).mean())
+    has = true_m > 0
+    clipped_m = np.nan_to_num(depth_m, nan=DEPTH_M[0])[has].clip(*DEPTH_M)
+    return float(np.abs(clipped_m / true_m[has] - 1).mean())
 
 
 if __name__ == "__main__":

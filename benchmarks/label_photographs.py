@@ -3,15 +3,13 @@
 Each model sees a photograph and its mirror at each width; the mean is of log depth. ``--labels``
 adds depth of other networks to it, images of 8 bits with 0.2 · 60^(value ÷ 255) metres; then a
 photograph is left out if its depth differs by more than ``--most-difference`` (mean |difference of
-logs| after removing that of the medians). Rooms of ``depthcli render rooms`` may be added whose
-focal length is near the models' own.
-Run: ``python benchmarks/label_photographs.py PHOTOS OUT --model A [--model B] [--labels DIR]``
+logs| after removing that of the medians).
+Run: ``python benchmarks/label_photographs.py PHOTOS OUT --model A [B ...] [--labels DIR]``
 It goes on where it stopped: a photograph that has a label is skipped.
 """
 
 from __future__ import annotations
 
-import argparse
 import csv
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -19,18 +17,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 from aspect_ratios import resized
+from tools import parse_options
 
 import depthcli
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     import numpy.typing as npt
 
-WIDTHS = (192, 224)
 FOCAL_PX = 207.66
 """Of NYU Depth v2 at 256 pixels across, which the photographs are taken to have."""
-FOCAL_RANGE_PX = 130.0, 330.0
 MM_PER_M = 1000
 
 
@@ -100,34 +97,19 @@ def label_photographs(
                 cv2.imwrite(str(labelled), np.rint(depth_mm).astype(np.uint16))
 
 
-def add_rooms(rooms: Path, out: Path) -> Iterator[tuple[str, float]]:
-    """Link the rooms of a fitting focal length; yields their ids and focal lengths."""
-    with (rooms / "cameras.csv").open(newline="") as file:
-        cameras = [(row["id"], float(row["focal_px"])) for row in csv.DictReader(file)]
-    for name, focal_px in cameras:
-        files = list(rooms.glob(f"*/{name}.*"))
-        if files and FOCAL_RANGE_PX[0] <= focal_px <= FOCAL_RANGE_PX[1]:
-            for path in files:
-                link = out / path.parts[len(rooms.parts)] / "r" / f"{name}{path.suffix}"
-                link.parent.mkdir(parents=True, exist_ok=True)
-                link.unlink(missing_ok=True)
-                link.symlink_to(path.resolve())
-            yield f"r/{name}", focal_px
-
-
 def main() -> None:
     """Label, and write the focal length of each picture."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("photos", type=Path)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--model", action="append", required=True)
-    parser.add_argument("--rooms", type=Path)
-    parser.add_argument("--labels", type=Path)
-    parser.add_argument("--labels-weight", type=float, default=2 / 3)
-    parser.add_argument("--most-difference", type=float, default=0.12)
-    parser.add_argument("--widths", type=int, nargs="+", default=WIDTHS)
-    parser.add_argument("--part", type=int, nargs=2, default=(0, 1), metavar=("K", "N"))
-    options = parser.parse_args()
+    options = parse_options(
+        __doc__,
+        "photos",
+        "out",
+        model=["default"],
+        labels=Path,
+        labels_weight=2 / 3,
+        most_difference=0.12,
+        widths=[192, 224],
+        part=[0, 1],
+    )
     plain = depthcli.UpsamplingOptions(upsampling="bilinear")
     models = [
         depthcli.load_model(model, provider="cpu", threads=1, detail=plain).pipeline
@@ -142,8 +124,6 @@ def main() -> None:
     photos = sorted(options.photos.glob("*.jpg"))[part::parts]
     label_photographs(photos, options.out, teachers, others)
     rows = [(f"p/{path.stem}", FOCAL_PX) for path in sorted((options.out / "rgb/p").iterdir())]
-    if options.rooms is not None:
-        rows += add_rooms(options.rooms, options.out)
     with (options.out / "cameras.csv").open("w", newline="") as file:
         csv.writer(file).writerows([("id", "focal_px"), *rows])
 

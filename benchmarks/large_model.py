@@ -11,7 +11,6 @@ Run: ``python benchmarks/large_model.py [--model FILE] [--images 4] [--command p
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
@@ -19,9 +18,10 @@ import tempfile
 import time
 from multiprocessing import Process
 from pathlib import Path
-from typing import NamedTuple
 
-from tools import peak_bytes, peak_of, write_pictures, write_video
+from tools import parse_options, peak_bytes, usage, write_pictures, write_video
+
+from depthcli.core.parallel import usable_cores
 
 SIDE_PX, PATCH_PX, GRID = 518, 14, 37
 WIDTH, DEPTH, HEADS = 1024, 24, 16
@@ -53,7 +53,7 @@ CARD = {
     "camera": None,
     "onnx": {"opset": 17, "ir": 8},
 }
-OWN = """
+ALONE = """
 import sys, threading
 import numpy as np
 import onnxruntime as ort
@@ -74,24 +74,7 @@ def write_model(path: Path) -> None:
     """Build the network, and write it as one ONNX file with its card beside it."""
     import torch  # noqa: PLC0415 - in an extra
     from torch import nn  # noqa: PLC0415
-    from torch.nn.functional import interpolate, scaled_dot_product_attention  # noqa: PLC0415
-
-    class Block(nn.Module):
-        """A block of a vision transformer, (N, tokens, WIDTH)."""
-
-        def __init__(self) -> None:
-            super().__init__()
-            self.norms = nn.ModuleList(nn.LayerNorm(WIDTH) for _ in range(2))
-            self.qkv, self.out = nn.Linear(WIDTH, 3 * WIDTH), nn.Linear(WIDTH, WIDTH)
-            self.mlp = nn.Sequential(
-                nn.Linear(WIDTH, 4 * WIDTH), nn.GELU(), nn.Linear(4 * WIDTH, WIDTH)
-            )
-
-        def forward(self, tokens: torch.Tensor) -> torch.Tensor:
-            heads = self.qkv(self.norms[0](tokens)).reshape(1, -1, 3, HEADS, WIDTH // HEADS)
-            seen = scaled_dot_product_attention(*heads.permute(2, 0, 3, 1, 4))
-            tokens = tokens + self.out(seen.transpose(1, 2).reshape(1, -1, WIDTH))
-            return tokens + self.mlp(self.norms[1](tokens))
+    from torch.nn.functional import interpolate  # noqa: PLC0415
 
     class Network(nn.Module):
         """Features of four layers of the transformer, fused from coarse to fine."""
@@ -100,7 +83,11 @@ def write_model(path: Path) -> None:
             super().__init__()
             self.patches = nn.Conv2d(3, WIDTH, PATCH_PX, PATCH_PX)
             self.position = nn.Parameter(torch.randn(1, GRID**2, WIDTH) / 10)
-            self.blocks = nn.ModuleList(Block() for _ in range(DEPTH))
+            sizes = {"d_model": WIDTH, "nhead": HEADS, "dim_feedforward": 4 * WIDTH}
+            ways = {"activation": "gelu", "batch_first": True, "norm_first": True}
+            self.blocks = nn.ModuleList(
+                nn.TransformerEncoderLayer(**sizes, **ways) for _ in range(DEPTH)
+            )
             self.reduce = nn.ModuleList(
                 nn.Sequential(nn.Conv2d(WIDTH, WIDTH, 3, 1, 1), nn.Conv2d(WIDTH, FEATURES, 1))
                 for _ in DPT_LAYERS
@@ -124,9 +111,10 @@ def write_model(path: Path) -> None:
             return interpolate(self.head(fused), (SIDE_PX, SIDE_PX), mode="bilinear")
 
     torch.manual_seed(0)
+    torch.backends.mha.set_fastpath_enabled(value=False)  # which is not exported
     network = Network().eval()
     count = sum(weights.numel() for weights in network.parameters())
-    print(f"{count / 1e6:.0f} million parameters")
+    print(f"{count / 1e6:.0f} million parameters", flush=True)
     image = torch.zeros(1, 3, SIDE_PX, SIDE_PX)
     torch.onnx.export(
         network, (image,), str(path), opset_version=17, dynamo=False, input_names=["image"]
@@ -134,34 +122,9 @@ def write_model(path: Path) -> None:
     path.with_suffix(".card.json").write_text(json.dumps(CARD))
 
 
-class Measured(NamedTuple):
-    """Peak memory and time of a process."""
-
-    peak_mb: float
-    seconds: float
-
-
-def measured(peak: int, start: float) -> Measured:
-    """A measurement that began at a time."""
-    return Measured(peak / 1e6, time.perf_counter() - start)
-
-
-def own(model: Path, at_once: int, times: int) -> Measured:
-    """Load and run the file with onnxruntime alone, in threads that each run it several times."""
-    start = time.perf_counter()
-    code = OWN.format(side=SIDE_PX)
-    return measured(
-        peak_of((sys.executable, "-c", code, str(model), str(at_once), str(times))), start
-    )
-
-
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--model", type=Path)
-    parser.add_argument("--images", type=int, default=4)
-    parser.add_argument("--command", nargs="+", choices=("predict", "batch", "video"))
-    options = parser.parse_args()
+    options = parse_options(__doc__, model=Path, images=4, command=["predict", "batch", "video"])
     os.environ["MALLOC_MMAP_THRESHOLD_"] = str(1 << 20)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -172,24 +135,22 @@ def main() -> None:
             writer.join()
         image = write_pictures(folder / "in", options.images)[0]
         video = write_video(folder / "clip.avi", options.images)
-        cores = len(os.sched_getaffinity(0))
-        commands = {
-            "predict": (1, ("predict", str(image))),
-            "batch": (cores, ("batch", str(folder / "in"))),
-            "video": (cores, ("video", str(video))),
-        }
-        for command in options.command or commands:
-            at_once, words = commands[command]
+        inputs = {"predict": image, "batch": folder / "in", "video": video}
+        code = ALONE.format(side=SIDE_PX)
+        for command in options.command:
             # From the second run on, onnxruntime keeps its plan of the memory, too.
-            alone = own(model, at_once, 1 if command == "predict" else 2)
+            threads, runs = (1, 1) if command == "predict" else (usable_cores(), 2)
+            words = (command, str(inputs[command]), "--model", str(model))
             (folder / "out").mkdir()
             start = time.perf_counter()
-            peak = peak_bytes((*words, "--model", str(model)), folder / "out")
-            whole = measured(peak, start)
+            peak_mb = peak_bytes(words, folder / "out") / 1e6
+            middle = time.perf_counter()
+            alone = usage((sys.executable, "-c", code, str(model), str(threads), str(runs)))
+            alone_mb = alone.peak_bytes / 1e6
             print(
-                f"{command:8} {whole.peak_mb:6.0f} MB, {whole.seconds:5.1f} s; onnxruntime, "
-                f"{at_once} at once, {alone.peak_mb:6.0f} MB, {alone.seconds:5.1f} s; "
-                f"ratio {whole.peak_mb / alone.peak_mb:.3f}",
+                f"{command:8} {peak_mb:6.0f} MB, {middle - start:5.1f} s; onnxruntime, "
+                f"{threads} at once, {alone_mb:6.0f} MB, {time.perf_counter() - middle:5.1f} s; "
+                f"ratio {peak_mb / alone_mb:.3f}",
                 flush=True,
             )
 
