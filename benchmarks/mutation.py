@@ -2,21 +2,19 @@
 
 Figure of merit: the share of mutants (a comparison, an operator, a constant or a flag changed, a
 statement or a keyword argument dropped) with which a test fails that runs the changed line, of the
-tests of the module's own folder or of those given. All tests are loaded once and run once, to see
-which lines each of them runs and how long it takes; then each mutant has a process of its own, a
-copy of this one, in which it takes the place of its module and its tests run, the quickest first,
-until one fails. No file is changed; what tests start as new programs has no mutant in it. A test
-that failed has to pass where its module is replaced by the same source, else it counts as passed.
+tests of the module's own folder or of those given. All tests run once, to see which lines each of
+them runs and how long it takes; then each mutant has a process of its own, in which its module is
+loaded with the fault and its tests run, the quickest first, until one fails. No file is changed;
+what tests start as new programs has no mutant in it. A test that failed has to pass without a
+fault, else it counts as passed.
 Run: ``python benchmarks/mutation.py depthcli/core [MORE...] [--sample N] [--seed S] [--tests ...]``
 """
 
 from __future__ import annotations
 
-import argparse
 import ast
 import contextlib
 import copy
-import gc
 import importlib
 import multiprocessing
 import os
@@ -26,20 +24,20 @@ import signal
 import sys
 import tempfile
 import time
-from collections import Counter, defaultdict
 from functools import partial
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import coverage
 import hypothesis
 import pytest
-from _pytest.runner import runtestprotocol
+from tools import parse_options
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
     from multiprocessing.connection import Connection
+    from types import CodeType
 
 ROOT = Path(__file__).resolve().parents[1]
 _FORK = multiprocessing.get_context("fork")
@@ -186,94 +184,6 @@ def _with(node: ast.AST, **fields: object) -> ast.AST:
     return changed
 
 
-class Functions:
-    """All functions of some files, however they are wrapped or registered."""
-
-    def __init__(self, files: set[str]) -> None:
-        """Find them among all objects there are."""
-        self._found = defaultdict(list)
-        for thing in gc.get_objects():
-            if type(thing) is FunctionType and thing.__code__.co_filename in files:
-                self._found[_place(thing.__code__)].append(thing)
-
-    def change(self, file: str, source: str) -> None:
-        """Give them the code of changed source, those before and around the change at least."""
-        codes = list(_codes(compile(source, file, "exec")))
-        times = Counter(map(_place, codes))
-        for code in codes:
-            for function in self._found.get(_place(code), ()):
-                # Of several lambdas in a line, which is which cannot be told.
-                if times[_place(code)] == 1 and function.__code__.co_freevars == code.co_freevars:
-                    function.__code__ = code
-
-
-def _place(code: CodeType) -> tuple[str, str, int]:
-    return code.co_filename, code.co_qualname, code.co_firstlineno
-
-
-def _codes(code: CodeType) -> Iterator[CodeType]:
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            yield constant
-            yield from _codes(constant)
-
-
-def change_values(module: ModuleType, source: str) -> None:
-    """Give a module, its classes and its functions' arguments the values of changed source.
-
-    Not changed are the members of enumerations, and what other modules computed of the values when
-    they were loaded.
-    """
-    new = ModuleType(module.__name__)
-    for name in ("__file__", "__package__", "__spec__", "__loader__"):
-        setattr(new, name, getattr(module, name))
-    exec(compile(source, str(module.__file__), "exec"), vars(new))  # noqa: S102
-    for name, after in list(vars(new).items()):
-        before = getattr(module, name, None)
-        if getattr(after, "__module__", None) not in (None, module.__name__):
-            continue
-        if isinstance(before, type) and isinstance(after, type):
-            _change_class(before, after)
-        elif isinstance(getattr(before, "__wrapped__", before), FunctionType):
-            _change_defaults(before, after)
-        elif not name.startswith("__") and not isinstance(after, ModuleType):
-            _rebind(name, before, after)
-
-
-def _change_class(old: type, new: type) -> None:
-    for name, after in list(vars(new).items()):
-        before = vars(old).get(name)
-        if name == "__dataclass_fields__":
-            for field, changed in after.items():
-                if before[field].default != changed.default:
-                    before[field].default = changed.default
-        elif isinstance(before, (staticmethod, classmethod)):
-            _change_defaults(before.__func__, after.__func__)
-        elif isinstance(before, FunctionType):
-            _change_defaults(before, after)
-        elif isinstance(after, (bool, int, float, str, tuple)) and before != after:
-            setattr(old, name, after)
-
-
-def _change_defaults(old: FunctionType, new: FunctionType) -> None:
-    while hasattr(old, "__wrapped__") and hasattr(new, "__wrapped__"):
-        old, new = old.__wrapped__, new.__wrapped__
-    if old.__defaults__ and new.__defaults__:
-        pairs = zip(old.__defaults__, new.__defaults__, strict=False)
-        old.__defaults__ = tuple(before if before == after else after for before, after in pairs)
-    for name, after in (new.__kwdefaults__ or {}).items():
-        if old.__kwdefaults__[name] != after:  # an equal member of an enumeration is not the same
-            old.__kwdefaults__[name] = after
-
-
-def _rebind(name: str, old: object, new: object) -> None:
-    if type(new).__module__ == type(old).__module__ and type(new) is not type(old):
-        object.__setattr__(new, "__class__", type(old))  # the class that everybody knows
-    for module in list(sys.modules.values()):
-        if isinstance(module, ModuleType) and vars(module).get(name) is old:
-            setattr(module, name, new)
-
-
 class Place(NamedTuple):
     """A mutant and its module, relative to the tree."""
 
@@ -285,11 +195,6 @@ class Place(NamedTuple):
         """File and line."""
         return f"{self.module}:{self.mutant.line}"
 
-    @property
-    def name(self) -> str:
-        """The module as it is imported."""
-        return ".".join(self.module.with_suffix("").parts).removesuffix(".__init__")
-
 
 class Record(NamedTuple):
     """What one run of the tests showed.
@@ -297,10 +202,12 @@ class Record(NamedTuple):
     Attributes:
         seconds: of this processor, that each test that passed took.
         lines: of each module, the tests that ran a line of a function.
+        libraries: packages that the tests load.
     """
 
     seconds: dict[str, float]
     lines: dict[Path, dict[int, list[str]]]
+    libraries: set[str]
 
     def tests(self, place: Place, limit_s: float) -> Iterator[str]:
         """The quickest tests that run a mutant, for so many seconds in all."""
@@ -308,136 +215,144 @@ class Record(NamedTuple):
         lines = self.lines[module]
         if mutant.function:
             above = range(mutant.line, mutant.function - 1, -1)
-            found = set(next((lines[n] for n in above if n in lines), []))
+            tests = set(next((lines[n] for n in above if n in lines), []))
         else:  # runs when the module is loaded, for whoever uses it
-            found = set().union(*lines.values()) or set(self.seconds)
-        for test in sorted(found & self.seconds.keys(), key=self.seconds.__getitem__):
+            tests = set().union(*lines.values()) or set(self.seconds)
+        for test in sorted(tests & self.seconds.keys(), key=self.seconds.__getitem__):
             limit_s -= self.seconds[test]
             if limit_s < 0:
                 return
             yield test
 
 
-class Trials:
-    """A pytest plugin that runs mutants in place of the tests.
+class Recorder:
+    """A pytest plugin that measures each test.
 
     Attributes:
-        noticed_by: each mutant's test that failed, or how it ended otherwise; empty if it survived.
+        seconds: of each test.
+        unusable: tests that fail or are skipped.
     """
 
-    def __init__(self, places: Sequence[Place], limit_s: float) -> None:
-        """Take the mutants, and how many seconds of tests are run with each."""
-        self._places = places
-        self._limit_s = limit_s
-        self.noticed_by: dict[Place, str] = {}
+    def __init__(self, files: list[str]) -> None:
+        self.coverage = coverage.Coverage(None, config_file=False, include=files)
+        self.seconds: dict[str, float] = {}
+        self.unusable: set[str] = set()
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Leave out the tests of the built wheel, which no mutant is in."""
         items[:] = [i for i in items if "installed" not in getattr(i, "fixturenames", ())]
 
-    def pytest_runtestloop(self, session: pytest.Session) -> bool:
-        """Once the tests are loaded."""
-        vars(session.config)["_tmp_path_factory"].getbasetemp()  # one for all
-        items = {item.nodeid: item for item in session.items}
-        for place in self._places:
-            importlib.import_module(place.name)
-        self._functions = Functions({str(ROOT / place.module) for place in self._places})
-        gc.collect()
-        gc.freeze()  # the copies of this process share what they do not change
-        record = _apart(lambda: _record(session.items, {p.module for p in self._places}), 3600)
-        if not isinstance(record, Record):
-            raise SystemExit(f"the tests could not be run: {record}")
-        took_s = sum(record.seconds.values())
-        print(f"{len(record.seconds)} of {len(items)} tests pass, in {took_s:.0f} s")
-        for place in self._places:
-            names = list(record.tests(place, self._limit_s))
-            tried = place
-            if not names:  # a function that runs while the module is loaded, if at all
-                tried = Place(place.module, place.mutant._replace(function=0))
-                names = list(record.tests(tried, self._limit_s))
-            tests = [items[name] for name in names]
-            self.noticed_by[place] = end = self._trial(tried, tests, record)
-            _, _, before, after, _ = place.mutant
-            ended = end or ("SURVIVED" if tried is place else "SURVIVED, no test runs it")
-            print(f"{place.at}: {before}  ->  {after}  [{ended}]", flush=True)
-        self._doubt(items)
-        return True
-
-    def _doubt(self, items: dict[str, pytest.Item]) -> None:
-        """Take back what was noticed by tests that fail with the module's own source as well."""
-        doubted = defaultdict(list)
-        for place, end in self.noticed_by.items():
-            if end in items:
-                source = (ROOT / place.module).read_text("utf-8")
-                same = Mutant(0, min(1, place.mutant.function), "", "", source)
-                doubted[Place(place.module, same)].append(place)
-        for same, places in doubted.items():
-            tests = [items[name] for name in sorted({self.noticed_by[place] for place in places})]
-            failed = _apart(partial(self._with, same, tests, first=False), 3600)
-            for place in places:
-                if self.noticed_by[place] in failed:
-                    print(f"fails without a mutant: {self.noticed_by[place]}")
-                    self.noticed_by[place] = ""
-
-    def _trial(self, place: Place, tests: list[pytest.Item], record: Record) -> str:
-        usual_s = sum(record.seconds[test.nodeid] for test in tests)
-        limit_s = max(_LEAST_S, _TIMES * usual_s)
-        found = _apart(partial(self._with, place, tests, first=True), limit_s)
-        return found if isinstance(found, str) else "".join(found[:1])
-
-    def _with(self, place: Place, tests: list[pytest.Item], *, first: bool) -> list[str]:
-        """The tests that fail with a mutant, or the first of them."""
-        _, hard = resource.getrlimit(resource.RLIMIT_CPU)
-        resource.setrlimit(resource.RLIMIT_CPU, (_CPU_S if first else 3600, hard))
-        try:
-            self._functions.change(str(ROOT / place.module), place.mutant.source)
-            if not place.mutant.function:
-                change_values(sys.modules[place.name], place.mutant.source)
-        except Exception as error:  # noqa: BLE001
-            return [f"loading the module: {type(error).__name__}"]
-        failed = []
-        for name, passed, _ in _run(tests):
-            if not passed:
-                failed.append(name)
-                if first:
-                    break
-        return failed
-
-
-def _run(tests: list[pytest.Item]) -> Iterator[tuple[str, bool, float]]:
-    for test, following in zip(tests, [*tests[1:], None], strict=True):
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        """Measure a test."""
+        self.coverage.switch_context(item.nodeid)
         start = time.process_time()
-        reports = runtestprotocol(test, log=False, nextitem=following)
-        passed = all(report.passed for report in reports)
-        yield test.nodeid, passed, time.process_time() - start
+        result = yield
+        self.seconds[item.nodeid] = time.process_time() - start
+        return result
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Note how a test ended."""
+        if not report.passed:
+            self.unusable.add(report.nodeid)
 
 
-def _record(tests: list[pytest.Item], modules: Iterable[Path]) -> Record:
+def recorded(words: list[str], modules: set[Path]) -> Record:
+    """What all tests show."""
     files = {module: str(ROOT / module) for module in modules}
-    measured = coverage.Coverage(None, config_file=False, include=list(files.values()))
-    measured.start()
-    seconds = {}
-    measured.switch_context(tests[0].nodeid)
-    for test, (name, passed, took_s) in zip([*tests[1:], tests[0]], _run(tests), strict=True):
-        if passed:
-            seconds[name] = took_s
-        measured.switch_context(test.nodeid)
-    measured.stop()
-    data = measured.get_data()
-    return Record(seconds, {module: data.contexts_by_lineno(f) for module, f in files.items()})
+    recorder = Recorder(list(files.values()))
+    recorder.coverage.start()
+    pytest.main(words, [recorder])
+    recorder.coverage.stop()
+    data = recorder.coverage.get_data()
+    seconds = {t: s for t, s in recorder.seconds.items() if t not in recorder.unusable}
+    loaded = {name for name in sys.modules if "site-packages" in _file(name)}
+    lines = {module: data.contexts_by_lineno(file) for module, file in files.items()}
+    return Record(seconds, lines, {name for name in loaded if "." not in name})
 
 
-def _apart(work: Callable[[], T], limit_s: float) -> T | str:
+def _file(module: str) -> str:
+    return getattr(sys.modules[module], "__file__", None) or ""
+
+
+class Failures:
+    """A pytest plugin that notes the tests that fail."""
+
+    def __init__(self) -> None:
+        self.tests: list[str] = []
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Note a failure."""
+        if report.failed:
+            self.tests.append(report.nodeid)
+
+
+def failures(words: list[str], tests: list[str], place: Place | None = None) -> list[str]:
+    """The tests that fail; with a mutant, the first of them, or how else it was noticed."""
+    if place is not None:
+        load_changed(str(ROOT / place.module), place.mutant.source)
+        _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+        resource.setrlimit(resource.RLIMIT_CPU, (_CPU_S, hard))
+        words = [*words, "-x"]
+    plugin = Failures()
+    code = pytest.main([*words, *tests], [plugin])
+    if plugin.tests or code in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
+        return plugin.tests
+    return ["loading the module"]
+
+
+def load_changed(path: str, source: str) -> None:
+    """From now on load a module from other source."""
+    unchanged = SourceFileLoader.get_code
+
+    def get_code(loader: SourceFileLoader, name: str) -> CodeType | None:
+        if loader.path == path:
+            return compile(source, path, "exec", dont_inherit=True)
+        return unchanged(loader, name)
+
+    SourceFileLoader.get_code = get_code
+
+
+def trials(places: list[Place], words: list[str], tests: list[str], limit_s: float) -> list[str]:
+    """Each mutant's test that failed, or how it ended otherwise; empty if it survived."""
+    modules = {place.module for place in places}
+    record = _apart(lambda: recorded([*words, *tests], modules), 3600)
+    if not isinstance(record, Record):
+        raise SystemExit(f"the tests could not be run: {record}")
+    print(f"{len(record.seconds)} tests pass, in {sum(record.seconds.values()):.0f} s")
+    for name in sorted(record.libraries):  # the copies of this process share them
+        with contextlib.suppress(Exception):
+            importlib.import_module(name)
+    ends = []
+    for place in places:
+        module, mutant = place
+        names = list(record.tests(place, limit_s))
+        is_run = bool(names)
+        if not names:  # a function that runs while the module is loaded, if at all
+            names = list(record.tests(Place(module, mutant._replace(function=0)), limit_s))
+        usual_s = sum(record.seconds[name] for name in names)
+        work = partial(failures, words, names, place)
+        ends.append("".join(_apart(work, max(_LEAST_S, _TIMES * usual_s))[:1]))
+        ended = ends[-1] or ("SURVIVED" if is_run else "SURVIVED, no test runs it")
+        print(f"{place.at}: {mutant.before}  ->  {mutant.after}  [{ended}]", flush=True)
+    noticing = sorted(record.seconds.keys() & set(ends))
+    doubtful = _apart(lambda: failures(words, noticing), 3600) if noticing else []
+    for name in doubtful:
+        print(f"fails without a mutant: {name}")
+    return ["" if end in doubtful else end for end in ends]
+
+
+def _apart(work: Callable[[], T], limit_s: float) -> T | list[str]:
     """The result of some work in a copy of this process, or how it ended without one."""
     hearer, teller = _FORK.Pipe(duplex=False)
     process = _FORK.Process(target=_tell, args=(work, teller))
     process.start()
     teller.close()
     try:
-        return hearer.recv() if hearer.poll(limit_s) else "time"
+        return hearer.recv() if hearer.poll(limit_s) else ["time"]
     except EOFError:
         process.join()
-        return "time" if process.exitcode == -signal.SIGXCPU else "a crash"
+        return ["time" if process.exitcode == -signal.SIGXCPU else "a crash"]
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid or 0, signal.SIGKILL)
@@ -459,49 +374,49 @@ def sampled(folder: Path, count: int | None, seed: int) -> list[Place]:
     """Mutants of a module, or of a folder's modules: all, or a random sample."""
     path = folder.resolve().relative_to(ROOT)
     modules = sorted(path.rglob("*.py")) if path.is_dir() else [path]
-    found = [Place(m, mutant) for m in modules for mutant in mutants((ROOT / m).read_text("utf-8"))]
-    print(f"{path}: {len(found)} mutants")
-    if count and count < len(found):
-        found = random.Random(seed).sample(found, count)  # noqa: S311
-    return sorted(found, key=lambda place: (place.module, place.mutant.line))
+    places = [
+        Place(m, mutant) for m in modules for mutant in mutants((ROOT / m).read_text("utf-8"))
+    ]
+    print(f"{path}: {len(places)} mutants")
+    if count and count < len(places):
+        places = random.Random(seed).sample(places, count)  # noqa: S311
+    return sorted(places, key=lambda place: (place.module, place.mutant.line))
 
 
 def main() -> None:
-    """Run the trials and print how each mutant ended."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folders", nargs="+", type=Path, help="modules, or folders of them")
-    parser.add_argument("--sample", type=int, help="how many mutants of each; all by default")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", nargs="+", help="of the sample, those at these FILE:LINE")
-    parser.add_argument(
-        "--tests",
-        nargs=argparse.REMAINDER,
-        help="in place of those of the folders; any words of pytest",
+    """Run the trials and print how each mutant ended.
+
+    ``--sample`` is how many mutants of each folder are tried (default: all), ``--only`` those of
+    the sample at these FILE:LINE, ``--tests`` what runs in place of the tests of the folders, and
+    ``--seconds`` the processor time of the tests that are run with a mutant.
+    """
+    options = parse_options(
+        f"{__doc__}\n{main.__doc__}",
+        rest=("folders", [ROOT / "depthcli" / "core"]),
+        sample=int,
+        seed=0,
+        only=[],
+        seconds=10.0,
+        tests=[],
     )
-    parser.add_argument(
-        "--seconds",
-        type=float,
-        default=10,
-        help="of processor time, of tests that are run with a mutant",
-    )
-    options = parser.parse_args()
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
     of_folder = {f: sampled(f, options.sample, options.seed) for f in options.folders}
     if options.only:
         of_folder = {f: [p for p in of_folder[f] if p.at in options.only] for f in of_folder}
-    own = sorted({f"tests/{places[0].module.parts[1]}" for places in of_folder.values()})
-    trials = Trials([place for places in of_folder.values() for place in places], options.seconds)
-    words = ["-q", "-s", "-p", "no:cacheprovider", "-o", "tmp_path_retention_policy=none"]
+    tests = sorted({f"tests/{places[0].module.parts[1]}" for places in of_folder.values()})
     hypothesis.settings.register_profile(
         "mutants", database=None, derandomize=True, deadline=None, phases=list(hypothesis.Phase)[:3]
     )
     with tempfile.TemporaryDirectory() as temporary:
         hypothesis.configuration.set_hypothesis_home_dir(temporary)
+        words = ["-q", "-s", "-p", "no:cacheprovider", "-o", "tmp_path_retention_policy=none"]
         words += ["--hypothesis-profile", "mutants", "--basetemp", temporary + "/tests"]
-        pytest.main([*words, *(options.tests or own)], [trials])
+        every = [place for places in of_folder.values() for place in places]
+        ends = trials(every, words, options.tests or tests, options.seconds)
+    noticed_by = dict(zip(every, ends, strict=True))
     for folder, places in of_folder.items():
-        ends = [trials.noticed_by[place] for place in places]
+        ends = [noticed_by[place] for place in places]
         count = sum(map(bool, ends))
         print(f"{folder}: {count} of {len(ends)} noticed ({count / len(ends):.0%})", end=", ")
         print(f"{ends.count('time')} by time")
