@@ -25,6 +25,7 @@ from tools import (
     DEPTHCLI,
     Stages,
     parse_options,
+    plain_script,
     print_spread,
     print_stages,
     process,
@@ -48,22 +49,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _UNMEASURED = 5
-
-PLAIN = """
-import os, sys, cv2, numpy as np, onnxruntime
-folder, model, out, width, height = sys.argv[1:]
-session = onnxruntime.InferenceSession(model)
-name = session.get_inputs()[0].name
-os.makedirs(out)
-for file in sorted(os.listdir(folder)):
-    image = cv2.imread(os.path.join(folder, file))
-    value = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)[..., 2]
-    gray = cv2.resize(value, (int(width), int(height)), interpolation=cv2.INTER_AREA)
-    batch = (gray.astype(np.float32) / 127.5 - 1)[None, None]
-    raw = session.run(None, {name: batch})[0][0, 0]
-    depth = cv2.resize(np.exp(raw), image.shape[1::-1])
-    cv2.imwrite(os.path.join(out, file + ".png"), (depth * 1000).astype(np.uint16))
-"""
 
 THREADS = """
 import sys
@@ -120,8 +105,6 @@ def main() -> None:
 
 def compare(folder: Path, pictures: list[Path], options: argparse.Namespace) -> None:
     """Stages, batch and script in turn."""
-    model = find_model(options.model)
-    size = (str(model.card.input.width), str(model.card.input.height))
     source, out = str(folder / "in"), str(folder / "out")
     words = ["batch", source, "--out", out, "--provider", options.provider]
     words += ["--upsample", options.upsample.value, "--model", options.model]
@@ -129,7 +112,7 @@ def compare(folder: Path, pictures: list[Path], options: argparse.Namespace) -> 
         words += ["--provider-option", setting]
     commands = {
         "batch": process(*DEPTHCLI[1:], *words),
-        "script": process("-c", PLAIN, source, str(model.path), out, *size),
+        "script": plain_script(find_model(options.model), source, out),
         "one process": process("-c", THREADS, *words),
     }
     rates: dict[str, list[float]] = {name: [] for name in ("limit", *commands)}

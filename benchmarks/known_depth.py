@@ -13,6 +13,8 @@ an error of 2 %; and a quarter of them at 1.2 to 3 times their depth, as seen pa
 are those of ``eval --prompt``.
 Run (needs scipy): ``python benchmarks/known_depth.py NYU [--model default] [--network prompted]
 [--split val] [--counts 20,100,500] [--prompts lidar:4 ...]``
+With ``--rounds N``, the figure of merit is the median time of a prediction by the network, one
+image at a time on one thread, and its ratio to that of the model without points: they take turns.
 """
 
 from __future__ import annotations
@@ -21,9 +23,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
-from tools import parse_options
+from tools import alternate, parse_options
 
 import depthcli
 from depthcli.core.anchors import AnchorPoints, fit_anchors
@@ -32,7 +35,7 @@ from depthcli.core.types import DepthMap
 from depthcli.errors import UsageError
 from depthcli.lab.datasets.base import SplitName
 from depthcli.lab.datasets.nyu import open_nyu
-from depthcli.lab.datasets.prompts import parsed_prompt
+from depthcli.lab.datasets.prompts import Prompt, parsed_prompt
 from depthcli.lab.evaluation.predictors import Sample
 from depthcli.lab.evaluation.task import plan_nyu
 
@@ -41,6 +44,7 @@ if TYPE_CHECKING:
 
 DEPTH_M = 0.4, 10.0
 SQUARE_PX = 170
+TIMED = 4
 CONDITIONS = {
     "exact": (0.0, 0.0, "image"),
     "2 % noise": (0.02, 0.0, "image"),
@@ -67,10 +71,18 @@ def main() -> None:
         network="prompted",
         counts="5,20,100,500",
         prompts=PROMPTS,
+        rounds=0,
     )
     task = plan_nyu(open_nyu(options.data), options.split, options.limit)
-    pipeline = depthcli.load_model(options.model, provider="cpu").pipeline
-    network = depthcli.load_model(options.network, provider="cpu").pipeline
+    prompts = [parsed_prompt(prompt) for prompt in options.prompts]
+    pipeline, network = (
+        depthcli.load_model(name, provider="cpu", threads=1).pipeline
+        for name in (options.model, options.network)
+    )
+    if options.rounds:
+        samples = [Sample(task.dataset, i) for i in task.test[:TIMED]]
+        print_times(pipeline, network, samples, prompts, options.rounds)
+        return
     pairs = []
     for i in task.test:
         sample = Sample(task.dataset, i)
@@ -98,8 +110,28 @@ def main() -> None:
             if where == "image" or count <= SQUARE_PX:
                 drawing = where, count, noise, wrong, random
                 show(f"{count:<8}{name}", (drawn(true_m, *drawing) for _, _, true_m in pairs))
-    for prompt in map(parsed_prompt, options.prompts):
+    for prompt in prompts:
         show(str(prompt), (sample.known_points(prompt) for sample, _, _ in pairs))
+
+
+def print_times(
+    pipeline: depthcli.Pipeline,
+    network: depthcli.Pipeline,
+    samples: list[Sample],
+    prompts: list[Prompt],
+    rounds: int,
+) -> None:
+    """Time both on a few images, without reading."""
+    cv2.setNumThreads(1)
+    actions = {"no points": lambda: [pipeline.predict(sample.frame) for sample in samples]}
+    for prompt in prompts:
+        pairs = [(sample.frame, sample.known_points(prompt)) for sample in samples]
+        actions[str(prompt)] = lambda pairs=pairs: [
+            network.predict(frame, anchors=points) for frame, points in pairs
+        ]
+    timings = alternate(list(actions.values()), rounds, per=len(samples))
+    for name, timing in zip(actions, timings, strict=True):
+        print(f"{name:24} {timing}   {timing.median_s / timings[0].median_s:.2f} of the first")
 
 
 def drawn(

@@ -11,7 +11,6 @@ Run: ``python benchmarks/large_model.py [--model FILE] [--images 4] [--command p
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import tempfile
@@ -26,33 +25,18 @@ from depthcli.core.parallel import usable_cores
 SIDE_PX, PATCH_PX, GRID = 518, 14, 37
 WIDTH, DEPTH, HEADS = 1024, 24, 16
 DPT_LAYERS, FEATURES = (4, 11, 17, 23), 256
-CARD = {
-    "schema": 1,
-    "name": "large",
-    "version": "1",
-    "summary": "ViT-L/14 and DPT of random weights.",
-    "license": "MIT",
-    "input": {
-        "colour": "rgb",
-        "width": SIDE_PX,
-        "height": SIDE_PX,
-        "dynamic": False,
-        "multiple_of": PATCH_PX,
-        "fit": "stretch",
-        "mean": [0.5],
-        "std": [0.25],
-    },
-    "output": {
-        "kind": "metric",
-        "transform": "linear",
-        "scale": 1.0,
-        "shift": 1.0,
-        "min_m": 0.1,
-        "max_m": 100.0,
-    },
-    "camera": None,
-    "onnx": {"opset": 17, "ir": 8},
-}
+CARD = f"""{{
+  "schema": 1, "name": "large", "version": "1", "license": "MIT", "camera": null,
+  "summary": "ViT-L/14 and DPT of random weights.", "onnx": {{"opset": 17, "ir": 8}},
+  "input": {{
+    "colour": "rgb", "width": {SIDE_PX}, "height": {SIDE_PX}, "dynamic": false,
+    "multiple_of": {PATCH_PX}, "fit": "stretch", "mean": [0.5], "std": [0.25]
+  }},
+  "output": {{
+    "kind": "metric", "transform": "linear", "scale": 1.0, "shift": 1.0,
+    "min_m": 0.1, "max_m": 100.0
+  }}
+}}"""
 ALONE = """
 import sys, threading
 import numpy as np
@@ -119,7 +103,7 @@ def write_model(path: Path) -> None:
     torch.onnx.export(
         network, (image,), str(path), opset_version=17, dynamo=False, input_names=["image"]
     )
-    path.with_suffix(".card.json").write_text(json.dumps(CARD))
+    path.with_suffix(".card.json").write_text(CARD)
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
 Each step is a process of its own, which tells its time and its peak memory; the first is a process
 that only imports. Lookups are those of a resumed batch, in the order of names, and random ones.
-``--no-rewrite`` leaves out the steps that read and write every row.
+``--no-rewrite`` leaves out the step that reads and writes every row.
 Run: ``python benchmarks/manifest_resume.py [--rows 10000000] [--no-rewrite]``
 """
 
@@ -28,7 +28,6 @@ from depthcli.io.manifest import (
     Shard,
     known_rows,
 )
-from depthcli.jobs.batch.manifests import read_rows, summarize
 from depthcli.jobs.batch.plan import plan_files
 
 if TYPE_CHECKING:
@@ -87,12 +86,6 @@ def finish(out: Path, rows: int) -> None:
     journal.finish(map(name, range(rows + 1)))
 
 
-def sum_up(out: Path, rows: int) -> None:
-    """``depthcli manifest summary``."""
-    if summarize(read_rows(out)).inputs != rows + 1:
-        raise SystemExit("rows are missing")
-
-
 def write_list(path: Path, rows: int) -> None:
     """A list of the same names."""
     with path.open("w") as file:
@@ -129,13 +122,12 @@ def main() -> None:
             "write": partial(write, out, rows),
             "resume": partial(resume, out, rows),
             "finish": partial(finish, out, rows),
-            "summary": partial(sum_up, out, rows),
             "write the list": partial(write_list, listed, rows),
             "plan of 1/100": partial(plan, listed, Shard(1, 100)),
             "plan of all": partial(plan, listed, WHOLE),
         }
         for what, action in steps.items():
-            if not (options.no_rewrite and what in {"finish", "summary"}):
+            if not (options.no_rewrite and what == "finish"):
                 apart(what, action, rows)
 
 

@@ -44,46 +44,32 @@ _FORK = multiprocessing.get_context("fork")
 _LEAST_S, _TIMES = 60, 20  # a mutant that runs this much longer than its tests did is noticed
 _CPU_S = 30
 T = TypeVar("T")
+_PAIRS = (
+    (ast.Lt, ast.LtE),
+    (ast.Gt, ast.GtE),
+    (ast.Eq, ast.NotEq),
+    (ast.Is, ast.IsNot),
+    (ast.In, ast.NotIn),
+    (ast.Add, ast.Sub),
+    (ast.Mult, ast.Div),
+    (ast.And, ast.Or),
+)
 _OTHER: dict[type[ast.AST], type[ast.AST]] = {
-    ast.Lt: ast.LtE,
-    ast.LtE: ast.Lt,
-    ast.Gt: ast.GtE,
-    ast.GtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot,
-    ast.IsNot: ast.Is,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.Mult: ast.Div,
-    ast.Div: ast.Mult,
-    ast.FloorDiv: ast.Mult,
-    ast.Pow: ast.Mult,
-    ast.And: ast.Or,
-    ast.Or: ast.And,
+    **dict(_PAIRS),
+    **{second: first for first, second in _PAIRS},
+    **dict.fromkeys((ast.FloorDiv, ast.Pow), ast.Mult),
 }
-
 _NO_RESULT = {"strict", "out", "dst", "copy"}  # arguments that only check or save memory
 
 
 class Mutant(NamedTuple):
-    """A module with one fault.
+    """A module with one fault."""
 
-    Attributes:
-        line: where the fault is, from 1.
-        function: the line where the outermost function around it begins; 0 where there is none.
-        before: the code that was there.
-        after: the code that is there now.
-        source: the whole module.
-    """
-
-    line: int
-    function: int
-    before: str
-    after: str
-    source: str
+    line: int  #: where the fault is, from 1
+    function: int  #: the line where the outermost function around it begins; 0 where there is none
+    before: str  #: the code that was there
+    after: str  #: the code that is there now
+    source: str  #: the whole module
 
 
 def mutants(source: str) -> Iterator[Mutant]:
@@ -197,17 +183,11 @@ class Place(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What one run of the tests showed.
+    """What one run of the tests showed."""
 
-    Attributes:
-        seconds: of this processor, that each test that passed took.
-        lines: of each module, the tests that ran a line of a function.
-        libraries: packages that the tests load.
-    """
-
-    seconds: dict[str, float]
-    lines: dict[Path, dict[int, list[str]]]
-    libraries: set[str]
+    seconds: dict[str, float]  #: of this processor, that each test that passed took
+    lines: dict[Path, dict[int, list[str]]]  #: of each module, the tests that ran a line
+    libraries: set[str]  #: packages that the tests load
 
     def tests(self, place: Place, limit_s: float) -> Iterator[str]:
         """The quickest tests that run a mutant, for so many seconds in all."""
@@ -225,18 +205,20 @@ class Record(NamedTuple):
             yield test
 
 
-class Recorder:
-    """A pytest plugin that measures each test.
+class Observer:
+    """A pytest plugin that notes how tests end, how long they take and which lines they run.
 
     Attributes:
         seconds: of each test.
-        unusable: tests that fail or are skipped.
+        failed: tests that fail, in order.
+        skipped: tests that are skipped.
     """
 
-    def __init__(self, files: list[str]) -> None:
-        self.coverage = coverage.Coverage(None, config_file=False, include=files)
+    def __init__(self, measured: coverage.Coverage | None = None) -> None:
+        self.measured = measured
         self.seconds: dict[str, float] = {}
-        self.unusable: set[str] = set()
+        self.failed: list[str] = []
+        self.skipped: list[str] = []
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Leave out the tests of the built wheel, which no mutant is in."""
@@ -245,7 +227,8 @@ class Recorder:
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
         """Measure a test."""
-        self.coverage.switch_context(item.nodeid)
+        if self.measured is not None:
+            self.measured.switch_context(item.nodeid)
         start = time.process_time()
         result = yield
         self.seconds[item.nodeid] = time.process_time() - start
@@ -254,37 +237,25 @@ class Recorder:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Note how a test ended."""
         if not report.passed:
-            self.unusable.add(report.nodeid)
+            (self.failed if report.failed else self.skipped).append(report.nodeid)
 
 
 def recorded(words: list[str], modules: set[Path]) -> Record:
     """What all tests show."""
     files = {module: str(ROOT / module) for module in modules}
-    recorder = Recorder(list(files.values()))
-    recorder.coverage.start()
-    pytest.main(words, [recorder])
-    recorder.coverage.stop()
-    data = recorder.coverage.get_data()
-    seconds = {t: s for t, s in recorder.seconds.items() if t not in recorder.unusable}
-    loaded = {name for name in sys.modules if "site-packages" in _file(name)}
+    measured = coverage.Coverage(None, config_file=False, include=list(files.values()))
+    observer = Observer(measured)
+    measured.start()
+    pytest.main(words, [observer])
+    measured.stop()
+    data = measured.get_data()
     lines = {module: data.contexts_by_lineno(file) for module, file in files.items()}
-    return Record(seconds, lines, {name for name in loaded if "." not in name})
-
-
-def _file(module: str) -> str:
-    return getattr(sys.modules[module], "__file__", None) or ""
-
-
-class Failures:
-    """A pytest plugin that notes the tests that fail."""
-
-    def __init__(self) -> None:
-        self.tests: list[str] = []
-
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Note a failure."""
-        if report.failed:
-            self.tests.append(report.nodeid)
+    seconds = observer.seconds
+    for name in {*observer.failed, *observer.skipped}:
+        del seconds[name]
+    files_of = {name: getattr(module, "__file__", "") for name, module in sys.modules.items()}
+    libraries = {n for n, file in files_of.items() if "." not in n and "site-packages" in str(file)}
+    return Record(seconds, lines, libraries)
 
 
 def failures(words: list[str], tests: list[str], place: Place | None = None) -> list[str]:
@@ -294,10 +265,10 @@ def failures(words: list[str], tests: list[str], place: Place | None = None) -> 
         _, hard = resource.getrlimit(resource.RLIMIT_CPU)
         resource.setrlimit(resource.RLIMIT_CPU, (_CPU_S, hard))
         words = [*words, "-x"]
-    plugin = Failures()
-    code = pytest.main([*words, *tests], [plugin])
-    if plugin.tests or code in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
-        return plugin.tests
+    observer = Observer()
+    code = pytest.main([*words, *tests], [observer])
+    if observer.failed or code in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
+        return observer.failed
     return ["loading the module"]
 
 
@@ -386,24 +357,20 @@ def sampled(folder: Path, count: int | None, seed: int) -> list[Place]:
 def main() -> None:
     """Run the trials and print how each mutant ended.
 
-    ``--sample`` is how many mutants of each folder are tried (default: all), ``--only`` those of
-    the sample at these FILE:LINE, ``--tests`` what runs in place of the tests of the folders, and
-    ``--seconds`` the processor time of the tests that are run with a mutant.
+    ``--sample`` is how many mutants of each folder are tried (default: all), ``--tests`` what runs
+    in place of the tests of the folders, ``--seconds`` the processor time of tests of one mutant.
     """
     options = parse_options(
         f"{__doc__}\n{main.__doc__}",
         rest=("folders", [ROOT / "depthcli" / "core"]),
         sample=int,
         seed=0,
-        only=[],
         seconds=10.0,
         tests=[],
     )
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
     of_folder = {f: sampled(f, options.sample, options.seed) for f in options.folders}
-    if options.only:
-        of_folder = {f: [p for p in of_folder[f] if p.at in options.only] for f in of_folder}
     tests = sorted({f"tests/{places[0].module.parts[1]}" for places in of_folder.values()})
     hypothesis.settings.register_profile(
         "mutants", database=None, derandomize=True, deadline=None, phases=list(hypothesis.Phase)[:3]

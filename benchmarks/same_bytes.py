@@ -7,7 +7,6 @@ Manifests are left out, as they state times and options.
 Run: ``python benchmarks/same_bytes.py OTHER_TREE``; exit code 1 if a file differs.
 """
 
-import argparse
 import logging
 import os
 import shutil
@@ -19,7 +18,7 @@ from pathlib import Path
 import boto3
 import cv2
 from moto.server import ThreadedMotoServer
-from tools import write_pictures, write_video
+from tools import DEPTHCLI, parse_options, write_pictures, write_video
 
 HERE = Path(__file__).parents[1]
 IMAGES = 6
@@ -36,20 +35,20 @@ KEYS = {
 def commands(folder: Path, address: str) -> dict[str, list[list[str]]]:
     """Commands of each comparison; each writes to ``out/`` in its working directory."""
     images, video = str(folder / "in"), str(folder / "room.avi")
-    one, gray = str(folder / "in" / "00000.jpg"), str(folder / "gray16.png")
+    image, gray = str(folder / "in" / "00000.jpg"), str(folder / "gray16.png")
     every = [word for name in FORMATS for word in ("--format", name)]
     batch = ["batch", images, "-o", "out/", *every]
     store = ["batch", images, "-o", "s3://bucket/out/", "--format", "png16", "--format", "exr"]
     return {
-        "predict": [["predict", one, gray, "-o", "out/", *every]],
+        "predict": [["predict", image, gray, "-o", "out/", *every]],
         "predict, options": [
-            ["predict", one, "-o", "out/half.exr", "--half", "--exr-channel", "Z"],
-            ["predict", one, "-o", "out/kitti.png", "--png-scale", "256", "--hfov", "70"],
-            ["predict", one, "-o", "out/full.png", "--png-normalize", "--upsample", "bilinear"],
-            ["predict", one, "-o", "out/a.preview.png", "--colormap", "turbo", "--legend"],
-            ["predict", one, "-o", "out/b.preview.png", "--near", "white", "--side-by-side"],
-            ["predict", one, "-o", "out/tiles.npy", "--tile", "auto"],
-            ["predict", one, "-o", "out/fit.exr", "--anchor", "9,9,3", "--anchor", "600,400,1"],
+            ["predict", image, "-o", "out/half.exr", "--half", "--exr-channel", "Z"],
+            ["predict", image, "-o", "out/kitti.png", "--png-scale", "256", "--hfov", "70"],
+            ["predict", image, "-o", "out/full.png", "--png-normalize", "--upsample", "bilinear"],
+            ["predict", image, "-o", "out/a.preview.png", "--colormap", "turbo", "--legend"],
+            ["predict", image, "-o", "out/b.preview.png", "--near", "white", "--side-by-side"],
+            ["predict", image, "-o", "out/tiles.npy", "--tile", "auto"],
+            ["predict", image, "-o", "out/fit.exr", "--anchor", "9,9,3", "--anchor", "600,400,1"],
         ],
         "batch": [batch],
         "batch in shards": [[*batch, "--shard", f"{i}/2"] for i in (1, 2)],
@@ -64,13 +63,13 @@ def run(tree: Path, words: list[str], where: Path) -> None:
     """Run one command of a tree."""
     if words[0] == "fetch":
         client = boto3.client("s3", endpoint_url=words[1])
-        for found in client.list_objects_v2(Bucket="bucket").get("Contents", ()):
-            path = where / found["Key"]
+        for listed in client.list_objects_v2(Bucket="bucket").get("Contents", ()):
+            path = where / listed["Key"]
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(client.get_object(Bucket="bucket", Key=found["Key"])["Body"].read())
-            client.delete_object(Bucket="bucket", Key=found["Key"])
+            path.write_bytes(client.get_object(Bucket="bucket", Key=listed["Key"])["Body"].read())
+            client.delete_object(Bucket="bucket", Key=listed["Key"])
         return
-    command = [sys.executable, "-m", "depthcli", *words, *MODEL, "--quiet"]
+    command = [*DEPTHCLI, *words, *MODEL, "--quiet"]
     environment = {**os.environ, "PYTHONPATH": str(tree)}
     subprocess.run(command, env=environment, cwd=where, check=True, stdout=subprocess.DEVNULL)
 
@@ -87,9 +86,7 @@ def outputs(folder: Path) -> dict[str, bytes]:
 
 def main() -> int:
     """Run everything with both trees, and print what differs."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("other", type=Path)
-    other = parser.parse_args().other
+    other = parse_options(__doc__, "other").other
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
     server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
     server.start()
@@ -108,15 +105,15 @@ def main() -> int:
         cv2.imwrite(str(folder / "gray16.png"), gray[:333, :500])
         write_video(folder / "room.avi", FRAMES)
         for what, lines in commands(folder, address).items():
-            found = []
+            written = []
             for tree in (HERE, folder / "other"):
                 where = folder / "run"
                 (where / "out").mkdir(parents=True)
                 for words in lines:
                     run(tree, words, where)
-                found.append(outputs(where))
+                written.append(outputs(where))
                 shutil.rmtree(where)
-            here, there = found
+            here, there = written
             wrong = sorted(n for n in here | there if here.get(n) != there.get(n))
             differing += len(wrong)
             print(f"{what}: {len(here)} files, {len(wrong)} differ {' '.join(wrong)}", flush=True)

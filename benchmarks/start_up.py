@@ -9,38 +9,28 @@ Run: ``python benchmarks/start_up.py [--runs 15]``
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from pathlib import Path
 
-from tools import ROOM, alternate, parse_options, process
+from tools import ROOM, alternate, parse_options, plain_script, process
 
 from depthcli.models.catalog import find_model
-
-BARE = """
-import sys, cv2, numpy as np, onnxruntime
-picture, model, out, width, height = sys.argv[1:]
-image = cv2.imread(picture)
-gray = cv2.resize(image.max(axis=2), (int(width), int(height)), interpolation=cv2.INTER_AREA)
-session = onnxruntime.InferenceSession(model)
-batch = (gray.astype(np.float32) / 127.5 - 1)[None, None]
-raw = session.run(None, {session.get_inputs()[0].name: batch})[0][0, 0]
-depth = cv2.resize(np.exp(raw), image.shape[1::-1])
-cv2.imwrite(out, (depth * 1000).astype(np.uint16))
-"""
 
 
 def main() -> None:
     """Measure and print."""
     options = parse_options(__doc__, runs=15)
-    model = find_model()
-    size = (str(model.card.input.width), str(model.card.input.height))
-    with tempfile.TemporaryDirectory() as folder:
-        out = str(Path(folder) / "depth.png")
-        bare_out = str(Path(folder) / "bare.png")  # predict replaces no file of another program
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "in").mkdir()
+        shutil.copy(ROOM, folder / "in")
+        bare = plain_script(find_model(), str(folder / "in"), str(folder / "bare"))
+        out = str(folder / "depth.png")
         actions = {
             "python -c pass": process("-c", "pass"),
             "depthcli --help": process("-m", "depthcli", "--help"),
-            "bare script": process("-c", BARE, str(ROOM), str(model.path), bare_out, *size),
+            "bare script": bare,
             "depthcli predict": process("-m", "depthcli", "predict", str(ROOM), "-o", out),
         }
         timings = alternate(list(actions.values()), options.runs)

@@ -20,6 +20,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from depthcli.models.catalog import Model
+
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 _SETTLE_S = 0.05
@@ -28,6 +30,21 @@ _UNIT = 1 if sys.platform == "darwin" else 1024  # of ru_maxrss
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed package need not be compiled again
 ROOM = Path(__file__).parents[1] / "docs" / "room.jpg"
 WIDTH, HEIGHT = 640, 480
+_PLAIN = """
+import os, sys, cv2, numpy as np, onnxruntime
+folder, model, out, width, height = sys.argv[1:]
+session = onnxruntime.InferenceSession(model)
+name = session.get_inputs()[0].name
+os.makedirs(out, exist_ok=True)
+for file in sorted(os.listdir(folder)):
+    image = cv2.imread(os.path.join(folder, file))
+    value = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)[..., 2]
+    gray = cv2.resize(value, (int(width), int(height)), interpolation=cv2.INTER_AREA)
+    batch = (gray.astype(np.float32) / 127.5 - 1)[None, None]
+    raw = session.run(None, {name: batch})[0][0, 0]
+    depth = cv2.resize(np.exp(raw), image.shape[1::-1])
+    cv2.imwrite(os.path.join(out, file + ".png"), (depth * 1000).astype(np.uint16))
+"""
 DEPTHCLI = (sys.executable, "-m", "depthcli")
 
 
@@ -116,6 +133,12 @@ def process(*arguments: str) -> Callable[[], object]:
     """A whole Python process as an action."""
     command = [sys.executable, *arguments]
     return lambda: subprocess.run(command, check=True, capture_output=True)
+
+
+def plain_script(model: Model, source: str, out: str) -> Callable[[], object]:
+    """What anyone would write to estimate the depth of the JPEGs of a folder, as an action."""
+    spec = model.card.input
+    return process("-c", _PLAIN, source, str(model.path), out, str(spec.width), str(spec.height))
 
 
 class Stages:

@@ -9,7 +9,6 @@ Run: ``python benchmarks/verify_cards.py [CARD ...] [--environments DIR] [--writ
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
@@ -18,10 +17,11 @@ import sys
 import tempfile
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from tools import parse_options
 
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
@@ -49,142 +49,85 @@ VISION = ("torchvision==0.28.0", "timm==1.0.31")
 class Package(NamedTuple):
     """The authors' code."""
 
-    name: str  #: with its version
     module: str  #: file in ``authors/`` that builds the network and runs it
-    environment: str  #: name of the folder with its packages
-    needs: tuple[str, ...]  #: packages to install
     alone: tuple[str, ...] = ()  #: packages to install without those that they need
+    environment: str = "transformers"  #: name of the folder with its packages
+    needs: tuple[str, ...] = HUB  #: packages to install
 
 
-TRANSFORMERS = Package("transformers 5.24.0", "of_transformers", "transformers", HUB, VISION)
-ANYTHING_V2 = Package(
-    "jkp-depth-anything-v2 0.1.1",
-    "of_depth_anything_v2",
-    "transformers",
-    HUB,
-    (*VISION, "jkp-depth-anything-v2==0.1.1"),
-)
-ANYTHING_V2_METRIC = ANYTHING_V2._replace(name=f"{ANYTHING_V2.name} and {TRANSFORMERS.name}")
+ANYTHING_V2 = Package("of_depth_anything_v2", (*VISION, "jkp-depth-anything-v2==0.1.1"))
 ANYTHING_3_NEEDS = ("addict", "omegaconf", "antlr4-python3-runtime==4.9.3", "einops", "imageio")
-ANYTHING_3 = Package(
-    "depth-anything-3 0.1.1",
-    "of_depth_anything_3",
-    "transformers",
-    HUB,
-    (*VISION, "depth-anything-3==0.1.1", *ANYTHING_3_NEEDS),
-)
-ZIPDEPTH = Package(
-    "libreyolo 1.6.0", "of_zipdepth", "transformers", HUB, (*VISION, "libreyolo==1.6.0")
-)
-MIDAS = Package(
-    "controlnet-aux 0.0.10 and transformers 5.24.0",
-    "of_midas",
-    "transformers",
-    HUB,
-    (*VISION, "controlnet-aux==0.0.10", "geffnet"),
-)
-YOLO = Package(
-    "ultralytics 8.4.190",
-    "of_ultralytics",
-    "ultralytics",
-    (*HUB, "polars", "psutil", "requests", "pyyaml", "matplotlib"),
-    (*VISION, "ultralytics==8.4.190", "ultralytics-thop"),
-)
-LIGHTLY = Package(
-    "lightly-train 0.18.0", "of_lightly", "lightly", (*HUB, "lightly-train==0.18.0", VISION[0])
-)
-MOGE = Package(
-    "dlr-moge 2.0.0",
-    "of_moge",
-    "transformers",
-    HUB,
-    (*VISION, "dlr-moge==2.0.0", "dlr-utils3d==1.3", "dlr-pipeline==1.0.0", "trimesh", "click"),
-)
-SAME = {
-    "depth-anything-v1-small": ("depth-anything-v1-base", "depth-anything-v1-large"),
-    "promptda-small": ("promptda-large",),
-    "distill-any-depth-small": ("distill-any-depth-base", "distill-any-depth-large"),
-    "depth-anything-v2-small": ("depth-anything-v2-base", "depth-anything-v2-large"),
-    **{
-        f"depth-anything-v2-metric-{place}-small": tuple(
-            f"depth-anything-v2-metric-{place}-{size}" for size in ("base", "large")
-        )
-        for place in ("indoor", "outdoor")
-    },
-    "depth-anything-3-small": ("depth-anything-3-base",),
-    "glpn-nyu": ("glpn-kitti",),
-}
-"""Cards of networks that differ from a compared one in width, layers or range alone."""
-NOTES = {
-    "moge-2": "the authors' least squares to a tolerance of 1e-12, theirs being 1e-3",
-    "zoedepth-nyu": "without the authors' border and mirrored pass",
-    "promptda-small": "the largest is of a picture with fewer columns than the map of known depth, "
-    "of the others 2.8e-6",
-    "zipdepth": "a port that loads the authors' weights",
-    **dict.fromkeys(
-        ("midas-dpt-swin2-tiny-256", "midas-dpt-beit-base-384"),
-        "the authors' processing, the network of transformers",
-    ),
-}
+MOGE_NEEDS = ("dlr-utils3d==1.3", "dlr-pipeline==1.0.0", "trimesh", "click")
+YOLO_NEEDS = ("polars", "psutil", "requests", "pyyaml", "matplotlib")
 PACKAGES = {
-    "depth-anything-v2-small": ANYTHING_V2,
-    "depth-anything-v2-metric-indoor-small": ANYTHING_V2_METRIC,
-    "depth-anything-v2-metric-outdoor-small": ANYTHING_V2_METRIC,
-    "depth-anything-v1-small": TRANSFORMERS,
-    "distill-any-depth-small": TRANSFORMERS,
-    "promptda-small": TRANSFORMERS,
-    "midas-dpt-large-384": TRANSFORMERS,
-    **{f"depth-anything-3-{kind}": ANYTHING_3 for kind in ("small", "mono", "metric")},
-    "zipdepth": ZIPDEPTH,
-    "moge-2": MOGE,
-    "yolo26-depth": YOLO,
-    "lightly-dav3-metric-tiny": LIGHTLY,
-    "lightly-dav3-relative-tiny": LIGHTLY,
-    **dict.fromkeys(
-        (
-            "midas-small-torch",
-            "midas-dpt-swin2-tiny-256",
-            "midas-dpt-beit-base-384",
-        ),
-        MIDAS,
+    "transformers 5.24.0": Package("of_transformers", VISION),
+    "jkp-depth-anything-v2 0.1.1": ANYTHING_V2,
+    "jkp-depth-anything-v2 0.1.1 and transformers 5.24.0": ANYTHING_V2,
+    "depth-anything-3 0.1.1": Package(
+        "of_depth_anything_3", (*VISION, "depth-anything-3==0.1.1", *ANYTHING_3_NEEDS)
     ),
-    **dict.fromkeys(("glpn-nyu", "zoedepth-nyu", "depth-pro"), TRANSFORMERS),
+    "libreyolo 1.6.0": Package("of_zipdepth", (*VISION, "libreyolo==1.6.0")),
+    "controlnet-aux 0.0.10 and transformers 5.24.0": Package(
+        "of_midas", (*VISION, "controlnet-aux==0.0.10", "geffnet")
+    ),
+    "ultralytics 8.4.190": Package(
+        "of_ultralytics",
+        (*VISION, "ultralytics==8.4.190", "ultralytics-thop"),
+        "ultralytics",
+        (*HUB, *YOLO_NEEDS),
+    ),
+    "lightly-train 0.18.0": Package(
+        "of_lightly", VISION[:1], "lightly", (*HUB, "lightly-train==0.18.0")
+    ),
+    "dlr-moge 2.0.0": Package("of_moge", (*VISION, "dlr-moge==2.0.0", *MOGE_NEEDS)),
 }
+"""By the name and version that cards state."""
+SAME = "as {}, of the same code and processing"
+"""Note of a card whose network differs from a compared one in width, layers or range alone."""
 
 
 def main() -> None:
     """Compare the given cards, or all, and print a line for each."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("cards", nargs="*", default=list(PACKAGES))
-    parser.add_argument(
-        "--environments", type=Path, default=Path(tempfile.gettempdir()) / "authors"
+    cards = [path.stem for path in sorted(FOLDER.glob("*.json")) if is_compared(verification(path))]
+    options = parse_options(
+        __doc__,
+        rest=("cards", cards),
+        environments=Path(tempfile.gettempdir()) / "authors",
+        write=False,
+        theirs=Path,
     )
-    parser.add_argument(
-        "--write", action="store_true", help="write the result into the card, and what tests keep"
-    )
-    parser.add_argument("--theirs", type=Path, help="folder with their side of an earlier run")
-    options = parser.parse_args()
     failed = False
-    together: dict[Package, list[str]] = {}
+    together: dict[str, list[str]] = {}
     for card in options.cards:
-        together.setdefault(PACKAGES[card], []).append(card)
+        package = verification(FOLDER / f"{card}.json")["package"]
+        together.setdefault(package, []).append(card)
     for package, cards in together.items():
         with tempfile.TemporaryDirectory() as temporary:
             folder = options.theirs or Path(temporary)
             if not options.theirs:
-                run_theirs(package, cards, options.environments, folder)
+                run_theirs(PACKAGES[package], cards, options.environments, folder)
             for card in cards:
-                found = compare(card, folder)
-                failed |= not found.worst <= MOST
+                differences = compare(card, folder)
+                failed |= not differences.worst <= MOST
                 print(
-                    f"{card:40} {package.name:28} network's size {found.small:.1e}, full size "
-                    f"{found.full:.1e}; with a mean that is wrong by 0.01 {found.control:.1e}",
+                    f"{card:40} {package:28} network's size {differences.small:.1e}, full size "
+                    f"{differences.full:.1e}; wrong by 0.01 {differences.control:.1e}",
                     flush=True,
                 )
-                if options.write and found.worst <= MOST:
-                    write(card, package, found)
+                if options.write and differences.worst <= MOST:
+                    write(card, differences)
                     shutil.copy(folder / card / "kept.npz", KEPT / f"{card}.npz")
     sys.exit(failed)
+
+
+def verification(path: Path) -> dict[str, Any]:
+    """What a card states of its comparison: at least the package, so that it can be compared."""
+    return json.loads(path.read_text("utf-8")).get("verification", {})
+
+
+def is_compared(verified: dict[str, Any]) -> bool:
+    """Whether a card is compared by itself."""
+    return "package" in verified and not verified.get("note", "").startswith(SAME.partition("{")[0])
 
 
 class Differences(NamedTuple):
@@ -213,7 +156,7 @@ def compare(name: str, folder: Path) -> Differences:
     fields = ready_fields(name)
     fields |= {"onnx": {"opset": 18, "ir": 10} | fields.get("onnx", {})}
     card = ModelCard.from_json(json.dumps(fields))
-    found = []
+    parts = []
     for path in sorted((folder / "ours").glob("*.png")):
         frame = read_image(path)
         batch, _ = prepare(card.input, frame)
@@ -223,8 +166,8 @@ def compare(name: str, folder: Path) -> Differences:
             return Differences(np.inf, np.inf, 0)
         model = Model(path=file, card=card, sha256="", size_bytes=file.stat().st_size)
         theirs = np.load(folder / name / f"{path.stem}.npz")
-        found.append(of_picture(Session(model, provider="cpu"), frame, batch, theirs))
-    small, full, control = zip(*found, strict=True)
+        parts.append(of_picture(Session(model, provider="cpu"), frame, batch, theirs))
+    small, full, control = zip(*parts, strict=True)
     return Differences(max(small), max(full), min(control))
 
 
@@ -239,14 +182,14 @@ def of_picture(
     if "known" in theirs:
         points = known_points(theirs["known"], frame)
         prompts = [prompt_input(card, points, frame, prepare(card.input, frame)[1])]
-    ours, wrong = (session.run(one, prompts)[0] for one in (batch, batch + OFF))
+    ours, wrong = (session.run(image, prompts)[0] for image in (batch, batch + OFF))
     if ours.ndim > raw.ndim:  # points, of which z is compared
         ours, wrong = ours[..., 2], wrong[..., 2]
     small, control = difference(ours, raw), difference(wrong, raw)
     if "ground" in theirs:  # which has a depth, at the network's size
         mask = card.output.mask
-        found = session.outputs(batch).mask[0] < mask.threshold
-        small = max(small, float((found != theirs["ground"]).mean()))
+        ground = session.outputs(batch).mask[0] < mask.threshold
+        small = max(small, float((ground != theirs["ground"]).mean()))
     if "metres" in theirs:
         _, layout = prepare(card.input, frame)
         camera = Intrinsics(float(theirs["focal_px"]))
@@ -257,11 +200,11 @@ def of_picture(
     mask = DepthMask.MODEL if "has" in theirs else DepthMask.NONE
     pipeline = Pipeline(session, UpsamplingOptions(Upsampling.MODEL, mask=mask))
     focal_px = float(theirs["focal_px"]) if "focal_px" in theirs else None
-    found = pipeline.predict(frame, Intrinsics(focal_px), points).depth.values
-    both = has & np.isfinite(found)
-    full = difference(np.where(both, found, np.nan), np.where(both, theirs["full"], np.nan))
+    depth_m = pipeline.predict(frame, Intrinsics(focal_px), points).depth.values
+    both = has & np.isfinite(depth_m)
+    full = difference(np.where(both, depth_m, np.nan), np.where(both, theirs["full"], np.nan))
     if "has" in theirs:
-        print(f"of their mask, {np.mean(np.isfinite(found) != has):.0e} differ", file=sys.stderr)
+        print(f"of their mask, {np.mean(np.isfinite(depth_m) != has):.0e} differ", file=sys.stderr)
     return small, full, control
 
 
@@ -311,32 +254,32 @@ def environment(package: Package, environments: Path) -> Path:
     if not python.exists():
         subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
     done = folder / "installed.txt"
-    wanted = [*package.needs, *package.alone]
-    if not done.exists() or not set(wanted) <= set(done.read_text("utf-8").split("\n")):
+    packages = [*package.needs, *package.alone]
+    if not done.exists() or not set(packages) <= set(done.read_text("utf-8").split("\n")):
         pip = [str(python), "-m", "pip", "install", "-q"]
         subprocess.run([*pip, *package.needs], check=True)
         if package.alone:
             subprocess.run([*pip, "--no-deps", *package.alone], check=True)
         with done.open("a", encoding="utf-8") as listed:
-            listed.write("\n".join(["", *wanted]))
+            listed.write("\n".join(["", *packages]))
     return python
 
 
-def write(card: str, package: Package, found: Differences) -> None:
+def write(card: str, differences: Differences) -> None:
     """Write the result into the files of a card and of its other sizes."""
-    for name in (card, *SAME.get(card, ())):
-        path = FOLDER / f"{name}.json"
+    same = SAME.format(card)
+    for path in FOLDER.glob("*.json"):
         fields = json.loads(path.read_text("utf-8"))
-        fields["verification"] = {
-            "package": package.name,
-            "date": f"{datetime.now(UTC):%Y-%m-%d}",
-            "pictures": 8,
-            "difference": float(f"{found.small:.1e}"),
-            **({} if np.isnan(found.full) else {"full_size": float(f"{found.full:.1e}")}),
-            **({"note": NOTES[name]} if name in NOTES else {}),
-            **({} if name == card else {"note": f"as {card}, of the same code and processing"}),
-        }
-        path.write_text(json.dumps(fields, indent=2, ensure_ascii=False) + "\n", "utf-8")
+        earlier = fields.get("verification", {})
+        if path.stem == card or earlier.get("note") == same:
+            fields["verification"] = earlier | {
+                "date": f"{datetime.now(UTC):%Y-%m-%d}",
+                "pictures": 8,
+                "difference": float(f"{differences.small:.1e}"),
+            }
+            if not np.isnan(differences.full):
+                fields["verification"]["full_size"] = float(f"{differences.full:.1e}")
+            path.write_text(json.dumps(fields, indent=2, ensure_ascii=False) + "\n", "utf-8")
 
 
 if __name__ == "__main__":

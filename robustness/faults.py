@@ -11,10 +11,9 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,8 +34,7 @@ NAMES = tuple(sorted({errno.errorcode[error] for some in ERRORS.values() for err
 HANGS_S = 120
 
 
-@dataclass(frozen=True)
-class Fault:
+class Fault(NamedTuple):
     """One call that fails, and with ``onwards`` all of its kind after it."""
 
     call: str
@@ -49,38 +47,21 @@ class Fault:
         return f"{self.call} {self.number}{ways}: {errno.errorcode[self.error]}"
 
 
-@dataclass(frozen=True)
-class Ended:
-    """How a command ended.
+class Ended(NamedTuple):
+    """How a command ended."""
 
-    Attributes:
-        code: its exit code; negative for a signal, None if it hung.
-        out: what it wrote to standard output.
-        err: what it wrote to standard error.
-        counts: how many calls of each kind it made.
-        where: the path of the call that failed; "" if none did.
-    """
-
-    code: int | None
-    out: str
-    err: str
-    counts: dict[str, int]
-    where: str
+    code: int | None  #: its exit code; negative for a signal, None if it hung
+    err: str  #: what it wrote to standard error
+    counts: dict[str, int]  #: how many calls of each kind it made
+    where: str  #: the path of the call that failed; "" if none did
 
 
-@dataclass(frozen=True)
-class Call:
-    """One call of a run without faults.
-
-    Attributes:
-        kind: which.
-        number: among those of its kind, from 1.
-        place: a hash of the lines of Python that it was made from, and of its file's suffix.
-    """
+class Call(NamedTuple):
+    """One call of a run without faults."""
 
     kind: str
-    number: int
-    place: str
+    number: int  #: among those of its kind, from 1
+    place: str  #: a hash of the lines of Python that it was made from, and of its file's suffix
 
 
 class _Shared(ctypes.Structure):
@@ -133,10 +114,10 @@ class Injector:
             if log is not None:
                 self._listen(log)
             self._become(words, folder, fault, streams)
-        code = _awaited(child)
-        out, err = (path.read_text("utf-8", "replace") for path in streams)
+        code = exit_code(child)
+        err = streams[1].read_text("utf-8", "replace")
         counts = dict(zip(CALLS, self._shared.count, strict=True))
-        return Ended(code, out, err, counts, self._shared.where.decode())
+        return Ended(code, err, counts, self._shared.where.decode())
 
     def calls(self, words: tuple[str, ...], folder: Path) -> tuple[Ended, list[Call]]:
         """A command without a fault, with each call that it made."""
@@ -195,13 +176,14 @@ class Injector:
         )
 
 
-def _awaited(child: int) -> int | None:
-    until = time.monotonic() + HANGS_S
-    while time.monotonic() < until:
-        found, status = os.waitpid(child, os.WNOHANG)
-        if found:
+def exit_code(process: int, longest_s: float = HANGS_S) -> int | None:
+    """How a process ended, negative for a signal; None for one that had to be killed."""
+    until_s = time.monotonic() + longest_s
+    while time.monotonic() < until_s:
+        ended, status = os.waitpid(process, os.WNOHANG)
+        if ended:
             return os.waitstatus_to_exitcode(status)
         time.sleep(0.002)
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
+    os.kill(process, signal.SIGKILL)
+    os.waitpid(process, 0)
     return None

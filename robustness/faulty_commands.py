@@ -6,8 +6,7 @@ import hashlib
 import json
 import re
 import shutil
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from helpers.tiny import synthetic_picture, tiny_onnx, write_model, write_picture
@@ -43,20 +42,12 @@ ENVIRONMENT = {
 }
 
 
-@dataclass(frozen=True)
-class Command:
-    """A command in a folder of its own.
-
-    Attributes:
-        words: its arguments.
-        prepare: makes its inputs in a folder, with outputs of an earlier run or without.
-        loads: modules that each run would load anew.
-        outputs: the folder of its outputs.
-    """
+class Command(NamedTuple):
+    """A command in a folder of its own."""
 
     words: tuple[str, ...]
-    prepare: Callable[[Path], None]
-    loads: tuple[str, ...]
+    prepare: Callable[[Path], None]  #: makes its inputs, and outputs of an earlier run if any
+    loads: tuple[str, ...]  #: modules that each run would load anew
     outputs: str = "out"
 
 
@@ -130,13 +121,8 @@ TRAIN = (
     *("--threads", "1", "--accelerator", "cpu"),
 )
 _ADD = ("models", "add", "new/model.onnx", "--card", "new/card.json")
-_PICTURES = (
-    "cv2",
-    "onnxruntime",
-    "OpenEXR",
-    "depthcli.jobs.predict_images",
-    "depthcli.api.model",
-)
+_OF_JOBS = ("depthcli.jobs.predict_images", "depthcli.api.model")
+_PICTURES = ("cv2", "onnxruntime", "OpenEXR", *_OF_JOBS)
 _VIDEOS = (*_PICTURES, "av", "depthcli.jobs.batch.run", "depthcli.jobs.batch.workers")
 _MODELS = (*_PICTURES, "depthcli.jobs.models")
 _TORCH = (*_PICTURES, "torch", "lightning_fabric", "depthcli.lab.jobs.train")
@@ -179,8 +165,7 @@ def state(folder: Path) -> bytes:
 
 def hidden(folder: Path) -> list[str]:
     """Temporary files and folders, journals too."""
-    paths = (path.relative_to(folder).as_posix() for path in folder.rglob(".*"))
-    return sorted(paths)
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob(".*"))
 
 
 def steady(path: Path) -> bytes | None:
@@ -224,9 +209,7 @@ def _plain(value: Any) -> Any:
     return value.numpy().tobytes() if hasattr(value, "numpy") else value
 
 
-def copied(template: Path, folder: Path) -> Path:
-    """A fresh copy of what a command begins with."""
-    if folder.exists():
-        shutil.rmtree(folder)
+def copied(template: Path, folder: Path) -> None:
+    """Make a fresh copy of what a command begins with."""
+    shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(template, folder)
-    return folder

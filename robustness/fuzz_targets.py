@@ -66,19 +66,12 @@ _MM = DepthReadOptions(1000)
 
 
 class Target(NamedTuple):
-    """One reader.
+    """One reader."""
 
-    Attributes:
-        file: name of the file that it is given, by which it may choose.
-        seeds: good files.
-        read: takes the file's path.
-        share: how many mutants it gets, by comparison.
-    """
-
-    file: str
-    seeds: Callable[[], list[bytes]]
-    read: Callable[[Path], object]
-    share: float = 1
+    file: str  #: name of the file that it is given, by which it may choose
+    seeds: Callable[[], list[bytes]]  #: good files
+    read: Callable[[Path], object]  #: takes the file's path
+    share: float = 1  #: how many mutants it gets, by comparison
 
 
 def _pixels() -> np.ndarray[Any, Any]:
@@ -178,7 +171,7 @@ def _plates() -> list[bytes]:
     windows = Windows(Window(-4, 0, 9, 9), Window(-4, 2, 9, 9), Window(0, 0, 8, 8))
     pixels = np.zeros((9, 13), np.float32)
     frame = Frame(pixels, rate=Fraction(24), pixel_aspect=2.0, windows=windows)
-    return [_written(ExrWriter(), "a.exr", DepthMap(pixels + 0.5), frame), flat_exr()]
+    return [_written(ExrWriter(), "a.exr", DepthMap(pixels + 0.5), frame), _flat_exr()]
 
 
 def _exr_pictures() -> list[bytes]:
@@ -210,7 +203,7 @@ def _write_depth(frame: Frame, path: Path) -> None:
     ExrWriter().write(DepthMap(depth), path.with_name("b.exr"), frame)
 
 
-def flat_exr() -> bytes:
+def _flat_exr() -> bytes:
     """One whose pixels are compressed."""
     flat = DepthMap(np.full((24, 32), 2, np.float32), DepthKind.METRIC)
     return _written(ExrWriter(), "a.exr", flat)
@@ -226,18 +219,12 @@ def _npys() -> list[bytes]:
 
 
 def _sidecars() -> list[bytes]:
-    facts = {
-        "software": "depthcli 1.0.0",
-        "unit": "metre",
-        "scale": 1000,
-        "kind": "metric",
-        "orientation": 6,
-        "model": "tiny",
-        "model_sha256": "0" * 64,
-        "focal_px": 500.0,
-        "centre_px": [319.5, 239.5],
-        "camera_source": "exif",
-    }
+    facts = json.loads(
+        """{"software": "depthcli 1.0.0", "unit": "metre", "scale": 1000, "kind": "metric",
+        "orientation": 6, "model": "tiny", "focal_px": 500.0, "centre_px": [319.5, 239.5],
+        "camera_source": "exif"}"""
+    )
+    facts["model_sha256"] = "0" * 64
     times_s = {"times_s": {"7": 0.25}}
     fitted = Provenance("tiny", "0" * 64, (256, 192), 500.0, anchor_fit=AnchorFit(3, 4, 0.1))
     of_a_picture = _written(
@@ -297,7 +284,7 @@ def _run_model(path: Path) -> None:
     try_session(Session(find_model(path), provider="cpu"))
 
 
-def videos() -> list[bytes]:
+def _videos() -> list[bytes]:
     gray = [frame[..., 0].astype(np.uint16) * 200 for frame in flat_frames(range(60, 90, 10))]
     colour = [np.roll(_pixels(), by, 1) for by in range(3)]
     kinds: list[tuple[str, Any, str, str]] = [
@@ -331,7 +318,7 @@ def _read_depth_video(path: Path) -> None:
             return
 
 
-def mats() -> list[bytes]:
+def _mats() -> list[bytes]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "a.mat"
         with h5py.File(path, "w") as file:
@@ -358,13 +345,12 @@ def _indices() -> list[bytes]:
 
 
 @cache
-def checkpoint() -> bytes:
-    config = dataclasses.replace(TrainConfig())
+def _checkpoint() -> bytes:
     file = io.BytesIO()
     content = {
         "format": "depthcli-checkpoint",
         "version": 2,
-        "config": dataclasses.asdict(config),
+        "config": dataclasses.asdict(TrainConfig()),
         "state": dataclasses.asdict(TrainState(3, 1, 2.5, {"abs_rel": 0.5})),
         "provenance": {},
         "method": {"generator.a": torch.ones(2, 2)},
@@ -381,21 +367,12 @@ def checkpoint() -> bytes:
 
 
 def _manifests() -> list[bytes]:
-    row = {
-        "input": "a.png",
-        "status": "ok",
-        "outputs": [{"path": "a.depth.png", "bytes": 9, "sha256": "0" * 64}],
-        "seconds": 0.5,
-        "input_sha256": "0" * 64,
-        "input_path": "/data/a.png",
-        "error": None,
-        "warnings": [],
-        "camera": None,
-        "options_sha256": "0" * 64,
-        "model": "tiny",
-        "model_sha256": "0" * 64,
-        "version": "1.0.0",
-    }
+    row = json.loads(
+        """{"status": "ok", "seconds": 0.5, "input_path": "/data/a.png", "error": null,
+        "warnings": [], "camera": null, "model": "tiny", "version": "1.0.0"}"""
+    )
+    row["outputs"] = [{"path": "a.depth.png", "bytes": 9, "sha256": "0" * 64}]
+    row |= dict.fromkeys(("input_sha256", "options_sha256", "model_sha256"), "0" * 64)
     lines = [json.dumps(row | {"input": name}) for name in ("a.png", "b.png", "c.mkv")]
     return ["".join(f"{line}\n" for line in lines).encode()]
 
@@ -439,18 +416,9 @@ def _read_setting(path: Path) -> None:
     apply_overrides(TrainConfig(), [], [path.read_bytes().decode("utf-8", "surrogateescape")])
 
 
-def _read_headers(path: Path) -> None:
-    data = path.read_bytes()
-    parse_exif(data)
-
-
 def _read_journal(path: Path) -> None:
     with FrameJournal(path, "tiny"):
         pass
-
-
-def _read_slices(path: Path) -> None:
-    has_valid_slices(path.read_bytes())
 
 
 def _picture(path: Path) -> None:
@@ -476,7 +444,7 @@ TARGETS: dict[str, Target] = {
     "avif": Target("a.avif", _avifs, _picture, 2),
     "heic": Target("a.heic", _heics, _picture, 2),
     "other-pictures": Target("a.bmp", _other_pictures, _picture),
-    "headers": Target("a.bin", _all_pictures, _read_headers, 4),
+    "headers": Target("a.bin", _all_pictures, lambda path: parse_exif(path.read_bytes()), 4),
     "training-picture": Target("a.png", _pngs, read_image_rgb),
     "training-depth": Target("a.png", _depth_pngs, lambda path: read_truth(path, _MM)),
     "own-png": Target("a.depth.png", _depth_pngs, is_own_picture),
@@ -495,17 +463,19 @@ TARGETS: dict[str, Target] = {
     "card": Target("card.json", _cards, lambda path: ModelCard.from_json(path.read_bytes()), 2),
     "onnx": Target("a.onnx", _models, _read_onnx, 2),
     "model": Target("a.onnx", _models, _run_model, 2),
-    "video": Target("a.mkv", videos, _read_video, 3),
-    "depth-video": Target("a.mkv", lambda: videos()[:1], _read_depth_video, 2),
-    "ffv1-slices": Target("a.bin", lambda: videos()[:1], _read_slices),
-    "mat": Target("a.mat", mats, _read_mat, 2),
+    "video": Target("a.mkv", _videos, _read_video, 3),
+    "depth-video": Target("a.mkv", lambda: _videos()[:1], _read_depth_video, 2),
+    "ffv1-slices": Target(
+        "a.bin", lambda: _videos()[:1], lambda path: has_valid_slices(path.read_bytes())
+    ),
+    "mat": Target("a.mat", _mats, _read_mat, 2),
     "index": Target("index.csv", _indices, read_index),
     "cameras": Target(
         "cameras.csv",
         lambda: [b"id,focal_px,hfov_deg,cx,cy\na,30,,,\nb,,60,3.5,-2\n"],
         read_lenses,
     ),
-    "checkpoint": Target("a.ckpt", lambda: [checkpoint()], Checkpoint.load),
+    "checkpoint": Target("a.ckpt", lambda: [_checkpoint()], Checkpoint.load),
     "metrics": Target(
         "metrics.jsonl",
         lambda: [b'{"epoch": 1, "step": 10, "scores": {"a": 1}}\n{"epoch": 2, "step": 20}\n'],

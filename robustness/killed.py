@@ -25,7 +25,7 @@ import tempfile
 import time
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from helpers.command_line import ROOT, Cli, unmeasured
 from helpers.tiny import synthetic_picture, write_model, write_picture
@@ -33,10 +33,8 @@ from helpers.videos import flat_frames, write_video
 
 from depthcli.cli.app import main as main_of_depthcli
 from robustness.every_call_fails import in_a_fork, load
+from robustness.faults import exit_code
 from robustness.faulty_commands import COMMANDS, TRAIN, steady, training
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
 LONGEST_END_S = 20.0
@@ -87,17 +85,13 @@ def command(cli: Cli, job: Job) -> list[str]:
 def content(cli: Cli) -> dict[str, object]:
     """All files of the outputs, hidden ones too, without times that they took."""
     out = cli.folder / "out"
-    return {str(path.relative_to(out)): steady(path) for path in _files(out)}
-
-
-def _files(out: Path) -> Iterator[Path]:
-    return (path for path in sorted(out.rglob("*")) if path.is_file())
+    return {str(path.relative_to(out)): steady(path) for path in out.rglob("*") if path.is_file()}
 
 
 def hidden(cli: Cli) -> list[str]:
     """Temporary files that are there, but for those that the next run is to find."""
-    names = (path.name for path in _files(cli.folder / "out") if path.name.startswith("."))
-    return [name for name in names if not CONTINUED.fullmatch(name)]
+    names = (path.name for path in (cli.folder / "out").rglob(".*") if path.is_file())
+    return sorted(name for name in names if not CONTINUED.fullmatch(name))
 
 
 def started(cli: Cli, job: Job, *, cold: bool) -> int:
@@ -121,19 +115,6 @@ def started(cli: Cli, job: Job, *, cold: bool) -> int:
         main_of_depthcli()
     finally:
         os._exit(70)
-
-
-def exit_code(process: int, longest_s: float = 120) -> int | None:
-    """How a process ended, negative for a signal; None for one that had to be killed."""
-    until_s = time.monotonic() + longest_s
-    while time.monotonic() < until_s:
-        found, status = os.waitpid(process, os.WNOHANG)
-        if found:
-            return os.waitstatus_to_exitcode(status)
-        time.sleep(0.005)
-    os.kill(process, signal.SIGKILL)
-    os.waitpid(process, 0)
-    return None
 
 
 def said(cli: Cli) -> str:
@@ -164,16 +145,16 @@ def ended(
     return str(code), faults
 
 
-def resumed(cli: Cli, job: Job, wanted: dict[str, object], *, cold: bool) -> list[str]:
+def resumed(cli: Cli, job: Job, whole: dict[str, object], *, cold: bool) -> list[str]:
     """Where the next run of the same command falls short."""
     code = exit_code(started(cli, job, cold=cold))
     if code != 0:
         return [f"next run: exit code {code}, {said(cli)!r}"]
-    found = content(cli)
+    written = content(cli)
     return [
-        f"next run: {name} {'differs' if name in found and name in wanted else 'is odd'}"
-        for name in sorted(found.keys() | wanted.keys())
-        if name not in found or name not in wanted or found[name] != wanted[name]
+        f"next run: {name} {'differs' if name in written and name in whole else 'is odd'}"
+        for name in sorted(written.keys() | whole.keys())
+        if name not in written or name not in whole or written[name] != whole[name]
     ]
 
 

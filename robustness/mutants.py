@@ -6,58 +6,18 @@ import struct
 import zlib
 from typing import Any
 
-TOKENS = (
-    b"\0",
-    b"\xff" * 64,
-    b"\xff\xd9",
-    b"\xff\xc0\0\x11\x08\xff\xff\xff\xff",
-    b"Exif\0\0II*\0\x08\0\0\0",
-    b"IEND",
-    b"eXIf",
-    b"\x7f\xff\xff\xff",
-    b"ispe",
-    b"iloc",
-    b"\x1aE\xdf\xa3\xff",
-    b"1e999",
-    b"-nan",
-    b"\xed\xa0\x80",
-    b"\\ud800",
-    b"[" * 3000,
-    b'{"a":' * 3000,
-    b"9" * 5000,
-    b"../../x",
-    b"\x1b[2J",
-)
+_OF_PICTURES = (b"\xff" * 64, b"\xff\xd9", b"\xff\xc0\0\x11\x08\xff\xff\xff\xff")
+_OF_BOXES = (b"IEND", b"eXIf", b"\x7f\xff\xff\xff", b"ispe", b"iloc", b"\x1aE\xdf\xa3\xff")
+_OF_TEXTS = (b"1e999", b"-nan", b"\xed\xa0\x80", b"\\ud800", b"[" * 3000, b'{"a":' * 3000)
+_OF_PATHS = (b"9" * 5000, b"../../x", b"\x1b[2J")
+_OF_EXIF = (b"Exif\0\0II*\0\x08\0\0\0",)
+TOKENS = (b"\0", *_OF_PICTURES, *_OF_EXIF, *_OF_BOXES, *_OF_TEXTS, *_OF_PATHS)
 """What formats of pictures, videos and texts give a meaning to."""
 
-VALUES: tuple[Any, ...] = (
-    None,
-    True,
-    0,
-    -1,
-    1,
-    2**31,
-    2**63,
-    2**64,
-    10**30,
-    0.0,
-    -0.0,
-    1e-320,
-    1e308,
-    float("inf"),
-    float("nan"),
-    "",
-    "\0",
-    "\ud800",
-    "../../x",
-    "a" * 3000,
-    "\x1b[2J",
-    "9" * 5000,
-    [],
-    [[]],
-    {},
-    {"": None},
-)
+_WHOLE = (0, -1, 1, 2**31, 2**63, 2**64, 10**30)
+_REAL = (0.0, -0.0, 1e-320, 1e308, float("inf"), float("nan"))
+_TEXTS = ("", "\0", "\ud800", "../../x", "a" * 3000, "\x1b[2J", "9" * 5000)
+VALUES: tuple[Any, ...] = (None, True, *_WHOLE, *_REAL, *_TEXTS, [], [[]], {}, {"": None})
 """What a field may hold that nobody expects there."""
 
 _INTEGERS = (0, 1, 2, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)

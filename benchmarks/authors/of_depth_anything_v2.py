@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import of_transformers
 from depth_anything_v2 import dinov2, dpt
-from run import Authors, randomize, sample, spread
-from torch.nn import functional
+from run import Authors, enlarge, randomize, sample, spread
 
 if TYPE_CHECKING:
-    import numpy as np
     import torch
 
 
@@ -29,14 +27,6 @@ def build(card: str) -> Authors:
     randomize(model)
     spread(model.depth_head.scratch.output_conv2[2], lambda: model.infer_image(sample()), 4, 1)
 
-    def finish(outputs: tuple[torch.Tensor, ...], rgb: np.ndarray) -> dict[str, Any]:
-        """The end of ``infer_image``."""
-        size = rgb.shape[:2]
-        full = functional.interpolate(
-            outputs[0][:, None], size, mode="bilinear", align_corners=True
-        )
-        return {"full": full[0, 0]}
-
     network: torch.nn.Module = model
     if "metric" in card:
         network = of_transformers.anything(20 if "indoor" in card else 80)
@@ -46,5 +36,5 @@ def build(card: str) -> Authors:
         network,
         ("depth",),
         lambda rgb: model.image2tensor(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[0],
-        finish,
+        enlarge("bilinear", align_corners=True),  # as at the end of ``infer_image``
     )

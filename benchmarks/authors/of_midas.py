@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import geffnet
+import of_transformers
 import torch
 import transformers as hf
-from of_transformers import Chosen
-from run import Authors, randomize, sample, settle, spread
+from run import Authors, enlarge, randomize, sample, settle, spread
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,12 +23,8 @@ if TYPE_CHECKING:
 sys.path.insert(0, str(Path(find_spec("controlnet_aux").origin).parent / "midas"))
 from midas.transforms import NormalizeImage, PrepareForNet, Resize
 
-VIT = {
-    "hidden_size": 48,
-    "num_hidden_layers": 4,
-    "num_attention_heads": 2,
-    "intermediate_size": 96,
-}
+VIT = {**of_transformers.VIT, "intermediate_size": 96}
+STAGES = ["stage1", "stage2", "stage3", "stage4"]
 NECK = {"neck_hidden_sizes": [16, 16, 24, 24], "fusion_hidden_size": 16}
 
 
@@ -43,7 +39,7 @@ def build(card: str) -> Authors:
             image_size=size,
             use_relative_position_bias=True,
             reshape_hidden_states=False,
-            out_features=["stage1", "stage2", "stage3", "stage4"],
+            out_features=STAGES,
         )
         config = hf.DPTConfig(backbone_config=beit, **NECK, hidden_size=48)
     else:
@@ -53,7 +49,7 @@ def build(card: str) -> Authors:
             depths=[1, 1, 1, 1],
             num_heads=[1, 2, 2, 2],
             window_size=16,
-            out_features=["stage1", "stage2", "stage3", "stage4"],
+            out_features=STAGES,
         )
         config = hf.DPTConfig(
             backbone_config=swin,
@@ -66,7 +62,9 @@ def build(card: str) -> Authors:
     processed = processing(size, "minimal", [0.5] * 3, [0.5] * 3, keeps_aspect=keeps)
     example = processed[0](sample())
     spread(model.head.head[4], lambda: model(example), 4, 1)
-    return Authors(Chosen(model, "predicted_depth"), ("predicted_depth",), *processed)
+    return Authors(
+        of_transformers.Chosen(model, "predicted_depth"), ("predicted_depth",), *processed
+    )
 
 
 def small() -> Authors:
@@ -76,7 +74,7 @@ def small() -> Authors:
     )
     midas_net = importlib.import_module("midas.midas_net_custom")
     model = randomize(midas_net.MidasNet_small(exportable=True))
-    processed = processing(256, "upper_bound", [0.485, 0.456, 0.406], [0.229, 0.224, 0.225])
+    processed = processing(256, "upper_bound", *of_transformers.IMAGENET.values())
     example = processed[0](sample())
     settle(model, example)
     spread(model.scratch.output_conv[4], lambda: model(example), 4, 1)
@@ -99,14 +97,7 @@ def processing(
     normalize, last = NormalizeImage(mean, std), PrepareForNet()
 
     def prepare(rgb: np.ndarray) -> torch.Tensor:
-        found = last(normalize(resize({"image": rgb / 255.0})))
-        return torch.from_numpy(found["image"])[None]
+        pixels = last(normalize(resize({"image": rgb / 255.0})))["image"]
+        return torch.from_numpy(pixels)[None]
 
-    def finish(outputs: tuple[torch.Tensor, ...], rgb: np.ndarray) -> dict[str, Any]:
-        """The end of ``process`` in the authors' ``run.py``."""
-        full = torch.nn.functional.interpolate(
-            outputs[0].unsqueeze(1), size=rgb.shape[:2], mode="bicubic", align_corners=False
-        )
-        return {"full": full[0, 0]}
-
-    return prepare, finish
+    return prepare, enlarge("bicubic", align_corners=False)

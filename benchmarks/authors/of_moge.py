@@ -67,8 +67,8 @@ class Exported(torch.nn.Module):
 
     def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, ...]:
         """Points (1, H, W, 3), mask (1, H, W) and scale (1,)."""
-        found = self.model(image, TOKENS)
-        return tuple(found[name] for name in OUTPUTS)
+        outputs = self.model(image, TOKENS)
+        return tuple(outputs[name] for name in OUTPUTS)
 
 
 class TinyPoints(Tiny):
@@ -109,17 +109,12 @@ def build(card: str) -> Authors:
 
     def finish(outputs: tuple[torch.Tensor, ...], rgb: np.ndarray) -> dict[str, Any]:
         """The rest of ``infer``, by the authors' code on these outputs."""
-        given = dict(zip(OUTPUTS, (one.clone() for one in outputs), strict=True))
-        model.forward = lambda image, num_tokens: given  # noqa: ARG005 - theirs
-        found = model.infer(prepare(rgb), TOKENS, use_fp16=False)
+        copies = dict(zip(OUTPUTS, (output.clone() for output in outputs), strict=True))
+        model.forward = lambda image, num_tokens: copies  # noqa: ARG005 - theirs
+        result = model.infer(prepare(rgb), TOKENS, use_fp16=False)
         del model.forward
-        has = found["mask"][0].numpy()
-        focal = float(found["intrinsics"][0, 0, 0])
-        return {
-            "raw": outputs[0][0, ..., 2],
-            "full": found["depth"][0].numpy(),
-            "has": has,
-            "hfov_deg": 2 * torch.rad2deg(torch.atan(torch.tensor(0.5 / focal))),
-        }
+        raw, hfov_rad = outputs[0][0, ..., 2], 2 * torch.atan(0.5 / result["intrinsics"][0, 0, 0])
+        maps = {"raw": raw, "full": result["depth"][0], "has": result["mask"][0]}
+        return {**maps, "hfov_deg": torch.rad2deg(hfov_rad)}
 
     return Authors(Exported(model), OUTPUTS, prepare, finish, TinyPoints(4))

@@ -13,16 +13,23 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+VIT = {"hidden_size": 48, "num_hidden_layers": 4, "num_attention_heads": 2}
+SIZES = [16, 16, 24, 24]
 DINO = {
+    **VIT,
     "model_type": "dinov2",
-    "hidden_size": 48,
-    "num_hidden_layers": 4,
-    "num_attention_heads": 2,
     "image_size": 518,
     "patch_size": 14,
     "reshape_hidden_states": False,
     "out_indices": [1, 2, 3, 4],
 }
+ANYTHING = {
+    "backbone_config": DINO,
+    "reassemble_hidden_size": 48,
+    "neck_hidden_sizes": SIZES,
+    "fusion_hidden_size": 16,
+}
+IMAGENET = {"image_mean": [0.485, 0.456, 0.406], "image_std": [0.229, 0.224, 0.225]}
 
 
 class Chosen(torch.nn.Module):
@@ -37,8 +44,8 @@ class Chosen(torch.nn.Module):
     ) -> tuple[torch.Tensor, ...]:
         """The outputs for (1, 3, H, W), and known depth of a network that takes it."""
         more = {} if known_m is None else {"prompt_depth": known_m}
-        found = self.model(pixel_values=image, **more)
-        return tuple(getattr(found, name) for name in self.names)
+        output = self.model(pixel_values=image, **more)
+        return tuple(getattr(output, name) for name in self.names)
 
 
 def build(card: str) -> Authors:
@@ -47,53 +54,34 @@ def build(card: str) -> Authors:
     return FAMILIES[family](card)
 
 
+def processing(side: int) -> dict[str, Any]:
+    """Options of a processor of Depth Anything."""
+    size = {"size": {"height": side, "width": side}, "keep_aspect_ratio": True}
+    return {**size, "ensure_multiple_of": 14, **IMAGENET}
+
+
 def anything(max_m: float | None = None) -> Chosen:
     """Depth Anything, for metres up to some or relative."""
-    config = hf.DepthAnythingConfig(
-        backbone_config=DINO,
-        reassemble_hidden_size=48,
-        neck_hidden_sizes=[16, 16, 24, 24],
-        fusion_hidden_size=16,
-        depth_estimation_type="relative" if max_m is None else "metric",
-        max_depth=max_m or 1,
-    )
+    kind = "relative" if max_m is None else "metric"
+    config = hf.DepthAnythingConfig(**ANYTHING, depth_estimation_type=kind, max_depth=max_m or 1)
     return Chosen(randomize(hf.DepthAnythingForDepthEstimation(config)), "predicted_depth")
 
 
 def of_anything(card: str) -> Authors:
     """Depth Anything V1, and Distill-Any-Depth."""
     del card
-    processor = hf.DPTImageProcessorPil(
-        size={"height": 518, "width": 518},
-        keep_aspect_ratio=True,
-        ensure_multiple_of=14,
-        image_mean=[0.485, 0.456, 0.406],
-        image_std=[0.229, 0.224, 0.225],
-    )
     model = anything().model
-    return of_hub(model, processor, model.head.conv3)
+    return of_hub(model, hf.DPTImageProcessorPil(**processing(518)), model.head.conv3)
 
 
 def of_prompt_depth_anything(card: str) -> Authors:
     """Prompt Depth Anything, with known depth of the lidar of a phone."""
     del card
-    config = hf.PromptDepthAnythingConfig(
-        backbone_config=DINO,
-        reassemble_hidden_size=48,
-        neck_hidden_sizes=[16, 16, 24, 24],
-        fusion_hidden_size=16,
-        depth_estimation_type="metric",
-    )
-    processor = hf.PromptDepthAnythingImageProcessorPil(
-        size={"height": 756, "width": 756},
-        keep_aspect_ratio=True,
-        ensure_multiple_of=14,
-        image_mean=[0.485, 0.456, 0.406],
-        image_std=[0.229, 0.224, 0.225],
-    )
+    config = hf.PromptDepthAnythingConfig(**ANYTHING, depth_estimation_type="metric")
     model = randomize(hf.PromptDepthAnythingForDepthEstimation(config))
-    found = of_hub(model, processor, model.head.conv3, mean=0.5)
-    return found._replace(known="prompt_depth", tiny=TinyKnown(1))
+    processor = hf.PromptDepthAnythingImageProcessorPil(**processing(756))
+    authors = of_hub(model, processor, model.head.conv3, mean=0.5)
+    return authors._replace(known="prompt_depth", tiny=TinyKnown(1))
 
 
 class TinyKnown(Tiny):
@@ -110,11 +98,9 @@ def of_dpt(card: str) -> Authors:
     """MiDaS 3.0, which is of square pictures there."""
     del card
     config = hf.DPTConfig(
-        hidden_size=48,
-        num_hidden_layers=4,
-        num_attention_heads=2,
+        **VIT,
         intermediate_size=96,
-        neck_hidden_sizes=[16, 16, 24, 24],
+        neck_hidden_sizes=SIZES,
         fusion_hidden_size=16,
         image_size=384,
         backbone_out_indices=[0, 1, 2, 3],
@@ -138,32 +124,25 @@ def of_glpn(card: str) -> Authors:
 
 def of_zoe(card: str) -> Authors:
     """ZoeDepth."""
+    del card
     beit = {
+        **VIT,
         "model_type": "beit",
         "image_size": 384,
-        "num_hidden_layers": 4,
-        "hidden_size": 48,
         "intermediate_size": 96,
-        "num_attention_heads": 2,
         "use_relative_position_bias": True,
         "reshape_hidden_states": False,
         "out_features": ["stage1", "stage2", "stage3", "stage4"],
     }
-    indoors = card.endswith("nyu")
-    bins = {
-        "n_bins": 64,
-        "min_depth": 1e-3,
-        "max_depth": 10.0 if indoors else 80.0,
-        "name": "nyu" if indoors else "kitti",
-    }
+    bins = {"n_bins": 64, "min_depth": 1e-3, "max_depth": 10.0, "name": "nyu"}
     config = hf.ZoeDepthConfig(
         backbone_config=beit,
-        neck_hidden_sizes=[16, 16, 24, 24],
+        neck_hidden_sizes=SIZES,
         fusion_hidden_size=32,
         bottleneck_features=32,
         bin_configurations=[bins],
         bin_embedding_dim=32,
-        bin_centers_type="softplus" if indoors else "normed",
+        bin_centers_type="softplus",
     )
     processor = hf.ZoeDepthImageProcessor(do_pad=False, ensure_multiple_of=32)
     model = randomize(hf.ZoeDepthForDepthEstimation(config))
@@ -187,32 +166,21 @@ def of_depth_pro(card: str) -> Authors:
         intermediate_feature_dims=[16, 16],
         scaled_images_feature_dims=[16, 16, 16],
         use_fov_model=True,
-        image_model_config=dino,
-        patch_model_config=dino,
-        fov_model_config=dino,
+        **dict.fromkeys(("image_model_config", "patch_model_config", "fov_model_config"), dino),
     )
     model = randomize(hf.DepthProForDepthEstimation(config))
-    processor = hf.DepthProImageProcessor()
-
-    def prepare(rgb: np.ndarray) -> torch.Tensor:
-        return processor(images=rgb, return_tensors="pt")["pixel_values"]
-
-    image = prepare(sample())
-    last = [one for one in model.head.modules() if isinstance(one, torch.nn.Conv2d)][-1]
-    spread(last, lambda: model(image), 0.5, 0.1)
-    fov = [one for one in model.fov_model.head.modules() if isinstance(one, torch.nn.Conv2d)][-1]
+    fov = last_convolution(model.fov_model.head)
     fov.weight *= 0.1
     fov.bias.fill_(60.0)
-
-    def finish(outputs: tuple[torch.Tensor, ...], rgb: np.ndarray) -> dict[str, Any]:
-        found = hf.models.depth_pro.modeling_depth_pro.DepthProDepthEstimatorOutput(
-            predicted_depth=outputs[0], field_of_view=outputs[1]
-        )
-        (made,) = processor.post_process_depth_estimation(found, [rgb.shape[:2]])
-        return {"full": made["predicted_depth"]}
-
+    processor = hf.DepthProImageProcessor()
+    authors = of_hub(model, processor, last_convolution(model.head), mean=0.5, deviation=0.1)
     outputs = ("predicted_depth", "field_of_view")
-    return Authors(Chosen(model, *outputs), outputs, prepare, finish, TinyView(2))
+    return authors._replace(network=Chosen(model, *outputs), outputs=outputs, tiny=TinyView(2))
+
+
+def last_convolution(head: torch.nn.Module) -> torch.nn.Conv2d:
+    """The last one of a head."""
+    return [layer for layer in head.modules() if isinstance(layer, torch.nn.Conv2d)][-1]
 
 
 class TinyView(Tiny):
@@ -230,21 +198,24 @@ def of_hub(
     last: torch.nn.Module | None,
     *,
     mean: float = 4,
+    deviation: float = 1,
     sizes: str = "target_sizes",
 ) -> Authors:
-    """A network with its processor."""
+    """A network with its processor; the outputs of its last layer get a mean and a deviation."""
 
     def prepare(rgb: np.ndarray) -> torch.Tensor:
         return processor(images=rgb, return_tensors="pt")["pixel_values"]
 
     def finish(outputs: tuple[torch.Tensor, ...], rgb: np.ndarray) -> dict[str, Any]:
-        found = hf.modeling_outputs.DepthEstimatorOutput(predicted_depth=outputs[0])
-        (made,) = processor.post_process_depth_estimation(found, **{sizes: [rgb.shape[:2]]})
-        return {"full": made["predicted_depth"]}
+        output = hf.models.depth_pro.modeling_depth_pro.DepthProDepthEstimatorOutput(
+            predicted_depth=outputs[0], field_of_view=outputs[1] if len(outputs) > 1 else None
+        )
+        (end,) = processor.post_process_depth_estimation(output, **{sizes: [rgb.shape[:2]]})
+        return {"full": end["predicted_depth"]}
 
     if last is not None:
         image = prepare(sample())
-        spread(last, lambda: model(image), mean, 1)
+        spread(last, lambda: model(image), mean, deviation)
     return Authors(Chosen(model, "predicted_depth"), ("predicted_depth",), prepare, finish)
 
 

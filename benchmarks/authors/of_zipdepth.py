@@ -6,10 +6,10 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import torch
-from run import Authors, randomize, sample, settle, spread
+from run import Authors, enlarge, randomize, sample, settle, spread
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,15 +32,7 @@ def build(card: str) -> Authors:
     def prepare(rgb: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(utils.preprocess_numpy(rgb)[0])[None]
 
-    def finish(outputs: tuple[torch.Tensor, ...], rgb: np.ndarray) -> dict[str, Any]:
-        """The end of their wrapper, whose module needs the whole package."""
-        depth = outputs[0].reshape(1, 1, *outputs[0].shape[-2:])
-        full = torch.nn.functional.interpolate(
-            depth, rgb.shape[:2], mode="bilinear", align_corners=True
-        )
-        return {"full": full[0, 0]}
-
     image = prepare(sample())
     settle(model, image)
     spread(model.decoder.head_half, lambda: model(image), 4, 1)
-    return Authors(model, ("depth",), prepare, finish)
+    return Authors(model, ("depth",), prepare, enlarge("bilinear", align_corners=True))

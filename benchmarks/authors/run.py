@@ -24,6 +24,9 @@ import torch
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    #: maps the network's outputs and (H, W, 3) to arrays to compare with
+    Finish = Callable[[tuple[torch.Tensor, ...], np.ndarray], dict[str, Any]]
+
 SEED = 20261125
 
 
@@ -34,8 +37,7 @@ class Authors(NamedTuple):
     outputs: tuple[str, ...]  #: their names
     #: maps (H, W, 3) uint8 RGB to the network's input
     prepare: Callable[[np.ndarray], torch.Tensor]
-    #: maps the network's outputs and (H, W, 3) to arrays to compare with
-    finish: Callable[[tuple[torch.Tensor, ...], np.ndarray], dict[str, Any]]
+    finish: Finish
     #: a network of few weights with the same outputs, for the tests; None for plain maps
     tiny: torch.nn.Module | None = None
     is_finished_alone: bool = True  #: whether ``finish`` needs nothing but the outputs
@@ -193,6 +195,19 @@ def settle(network: torch.nn.Module, image: torch.Tensor) -> None:
             norm.momentum = 1.0
     network.train()(torch.cat([image, image.flip(3)]))
     network.eval()
+
+
+def enlarge(mode: str, *, align_corners: bool) -> Finish:
+    """The end of an authors' code that enlarges the map to the picture's size."""
+
+    def finish(outputs: tuple[torch.Tensor, ...], rgb: np.ndarray) -> dict[str, Any]:
+        maps = outputs[0].reshape(1, 1, *outputs[0].shape[-2:])
+        full = torch.nn.functional.interpolate(
+            maps, rgb.shape[:2], mode=mode, align_corners=align_corners
+        )
+        return {"full": full[0, 0]}
+
+    return finish
 
 
 def sample(seed: int = 0) -> np.ndarray:
