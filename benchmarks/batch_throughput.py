@@ -21,18 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
-from tools import (
-    DEPTHCLI,
-    Stages,
-    parse_options,
-    plain_script,
-    print_spread,
-    print_stages,
-    process,
-    ratios,
-    wall_s,
-    write_pictures,
-)
+import tools
 
 from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.parallel import usable_cores
@@ -59,7 +48,9 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def measure_stages(pictures: Sequence[Path], out: Path, options: argparse.Namespace) -> Stages:
+def measure_stages(
+    pictures: Sequence[Path], out: Path, options: argparse.Namespace
+) -> tools.Stages:
     """Each stage of ``batch`` in one thread, after five pictures unmeasured."""
     cv2.setNumThreads(1)
     settings = dict(setting.split("=", 1) for setting in options.provider_option)
@@ -68,10 +59,10 @@ def measure_stages(pictures: Sequence[Path], out: Path, options: argparse.Namesp
     model = pipeline.session.model
     origin = CacheKey("0" * 64, model.card.name, model.sha256, "")
     journal = Journal(out.parent / "rows")
-    stages = Stages()
+    stages = tools.Stages()
     for number, path in enumerate(pictures):
         if number == _UNMEASURED:
-            stages = Stages()
+            stages = tools.Stages()
         data = stages("read", path.read_bytes)
         sha256 = stages("checksum of input", lambda data=data: hashlib.sha256(data).hexdigest())
         frame = stages("decode", read_image, path, data)
@@ -86,7 +77,7 @@ def measure_stages(pictures: Sequence[Path], out: Path, options: argparse.Namesp
 
 def main() -> None:
     """Measure and print."""
-    options = parse_options(
+    options = tools.parse_options(
         __doc__,
         pictures=500,
         rounds=3,
@@ -97,7 +88,7 @@ def main() -> None:
     )
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        pictures = write_pictures(folder / "in", options.pictures)
+        pictures = tools.write_pictures(folder / "in", options.pictures)
         size = statistics.mean(path.stat().st_size for path in pictures)
         print(f"{len(pictures)} pictures of {size / 1000:.0f} KB, {usable_cores()} cores")
         compare(folder, pictures, options)
@@ -111,22 +102,22 @@ def compare(folder: Path, pictures: list[Path], options: argparse.Namespace) -> 
     for setting in options.provider_option:
         words += ["--provider-option", setting]
     commands = {
-        "batch": process(*DEPTHCLI[1:], *words),
-        "script": plain_script(find_model(options.model), source, out),
-        "one process": process("-c", THREADS, *words),
+        "batch": tools.process(*tools.DEPTHCLI[1:], *words),
+        "script": tools.plain_script(find_model(options.model), source, out),
+        "one process": tools.process("-c", THREADS, *words),
     }
     rates: dict[str, list[float]] = {name: [] for name in ("limit", *commands)}
     for _ in range(options.rounds):
         stages_s = measure_stages(pictures[:65], folder / "one.png", options).each_s()
         rates["limit"].append(usable_cores() / sum(stages_s.values()))
         for name, command in commands.items():
-            rates[name].append(len(pictures) / wall_s(command))
+            rates[name].append(len(pictures) / tools.wall_s(command))
             shutil.rmtree(out)
         print("  ".join(f"{name} {values[-1]:.1f}/s" for name, values in rates.items()))
-    print_stages(stages_s)
-    print_spread("share of the limit", ratios(rates["batch"], rates["limit"]))
-    print_spread("ratio to the script", ratios(rates["batch"], rates["script"]))
-    print_spread("ratio to one process", ratios(rates["batch"], rates["one process"]))
+    tools.print_stages(stages_s)
+    tools.print_spread("share of the limit", tools.ratios(rates["batch"], rates["limit"]))
+    tools.print_spread("ratio to the script", tools.ratios(rates["batch"], rates["script"]))
+    tools.print_spread("ratio to one process", tools.ratios(rates["batch"], rates["one process"]))
 
 
 if __name__ == "__main__":

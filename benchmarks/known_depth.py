@@ -19,7 +19,7 @@ image at a time on one thread, and its ratio to that of the model without points
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -41,6 +41,8 @@ from depthcli.lab.evaluation.task import plan_nyu
 
 if TYPE_CHECKING:
     import numpy.typing as npt
+
+    Floats = npt.NDArray[np.float32]
 
 DEPTH_M = 0.4, 10.0
 SQUARE_PX = 170
@@ -81,7 +83,7 @@ def main() -> None:
     )
     if options.rounds:
         samples = [Sample(task.dataset, i) for i in task.test[:TIMED]]
-        print_times(pipeline, network, samples, prompts, options.rounds)
+        print_times((pipeline, network), samples, prompts, options.rounds)
         return
     pairs = []
     for i in task.test:
@@ -105,24 +107,21 @@ def main() -> None:
         print(f"{name:38}{scores}", flush=True)
 
     for count in map(int, options.counts.split(",")):
-        for name, (noise, wrong, where) in CONDITIONS.items():
+        for name, condition in CONDITIONS.items():
             random = np.random.default_rng(count)
-            if where == "image" or count <= SQUARE_PX:
-                drawing = where, count, noise, wrong, random
-                show(f"{count:<8}{name}", (drawn(true_m, *drawing) for _, _, true_m in pairs))
+            if condition[2] == "image" or count <= SQUARE_PX:
+                anchors = (drawn(true_m, count, condition, random) for _, _, true_m in pairs)
+                show(f"{count:<8}{name}", anchors)
     for prompt in prompts:
         show(str(prompt), (sample.known_points(prompt) for sample, _, _ in pairs))
 
 
 def print_times(
-    pipeline: depthcli.Pipeline,
-    network: depthcli.Pipeline,
-    samples: list[Sample],
-    prompts: list[Prompt],
-    rounds: int,
+    models: Sequence[depthcli.Pipeline], samples: list[Sample], prompts: list[Prompt], rounds: int
 ) -> None:
     """Time both on a few images, without reading."""
     cv2.setNumThreads(1)
+    pipeline, network = models
     actions = {"no points": lambda: [pipeline.predict(sample.frame) for sample in samples]}
     for prompt in prompts:
         pairs = [(sample.frame, sample.known_points(prompt)) for sample in samples]
@@ -135,14 +134,10 @@ def print_times(
 
 
 def drawn(
-    true_m: npt.NDArray[np.float32],
-    where: str,
-    count: int,
-    noise: float,
-    wrong: float,
-    random: np.random.Generator,
+    true_m: Floats, count: int, condition: tuple[float, float, str], random: np.random.Generator
 ) -> AnchorPoints:
     """Points of a map at random, with errors."""
+    noise, wrong, where = condition
     height, width = true_m.shape
     rows = {"image": height, "square": SQUARE_PX, "row": 2}[where]
     columns = SQUARE_PX if where == "square" else width
@@ -157,9 +152,7 @@ def drawn(
     return AnchorPoints.of_table(np.stack([x, y, seen_m], axis=1))
 
 
-def errors(
-    depth: DepthMap, true_m: npt.NDArray[np.float32], points: AnchorPoints
-) -> tuple[float, float, float]:
+def errors(depth: DepthMap, true_m: Floats, points: AnchorPoints) -> tuple[float, float, float]:
     """abs_rel of interpolation, of the global fit and of ``--anchors``; NaN where one fails."""
     places = np.stack([points.x, points.y], axis=1)
     y, x = np.mgrid[: true_m.shape[0], : true_m.shape[1]]
@@ -177,7 +170,7 @@ def errors(
     return alone, abs_rel(fits[0], true_m), abs_rel(fits[1], true_m)
 
 
-def abs_rel(depth_m: npt.NDArray[np.floating], true_m: npt.NDArray[np.float32]) -> float:
+def abs_rel(depth_m: Floats, true_m: Floats) -> float:
     """Mean of |predicted - true| ÷ true; pixels without depth count as the least depth."""
     has = true_m > 0
     clipped_m = np.nan_to_num(depth_m, nan=DEPTH_M[0])[has].clip(*DEPTH_M)

@@ -1,4 +1,4 @@
-"""What an object store costs: listing a million objects, reading and writing against the disk.
+"""What an object store costs: listing a million objects, reading and writing.
 
     python benchmarks/object_store.py [--objects 1000000] [--files 500]
 
@@ -16,8 +16,6 @@ from collections import deque
 from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from itertools import islice
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qs
 
@@ -85,9 +83,8 @@ def serve(port: Connection, objects: int) -> None:
     server.serve_forever()
 
 
-def measure_files(folder: Path, count: int) -> None:
+def measure_files(folder: RemotePath, count: int) -> None:
     """Write and read small files."""
-    where = "store" if isinstance(folder, RemotePath) else "disk"
 
     def write() -> None:
         for number in range(count):
@@ -98,8 +95,8 @@ def measure_files(folder: Path, count: int) -> None:
         for number in range(count):
             read_bytes(folder / f"{number}.jpg")
 
-    print_cost(f"{where}: write 100 kB", write, count)
-    print_cost(f"{where}: read 100 kB", read, count)
+    print_cost("write 100 kB", write, count)
+    print_cost("read 100 kB", read, count)
 
 
 def main() -> None:
@@ -119,8 +116,6 @@ def main() -> None:
     folder = RemotePath("s3://bucket/pictures")
     read_bytes(folder / "first.jpg")
     measure_files(folder, options.files)
-    with TemporaryDirectory() as name:
-        measure_files(Path(name), options.files)
     for share in (100, 10, 1):
         count = options.objects // share
         print_cost("list", partial(deque, islice(folder.walk_names(), count), maxlen=0), count)

@@ -1,8 +1,8 @@
 """What the ways to full size cost.
 
-Figures of merit: the milliseconds of the network, of each way from its output to full size, and of
-the whole way from pixels to depth, at 640×480 and at 4000×3000, timed in turn on one thread. What
-they do to edges and to accuracy, ``eval --boundary --upsample`` and ``--tile`` say.
+Figures of merit: the milliseconds of the network, and of each way from pixels to depth, at 640×480
+and at 4000×3000, timed in turn on one thread. What they do to edges and to accuracy, ``eval
+--boundary --upsample`` and ``--tile`` say.
 Run: ``python benchmarks/upsampling.py [--model default] [--runs 60]``
 """
 
@@ -18,7 +18,7 @@ from tools import HEIGHT, ROOM, WIDTH, alternate, parse_options
 import depthcli
 from depthcli.core.options import AUTO_TILE, Upsampling, UpsamplingOptions
 from depthcli.core.types import Frame
-from depthcli.inference.transforms import coarse_depth, full_size, prepare
+from depthcli.inference.transforms import prepare
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,23 +28,16 @@ if TYPE_CHECKING:
 WAYS = {
     "bilinear": UpsamplingOptions(Upsampling.BILINEAR),
     "guided": UpsamplingOptions(Upsampling.GUIDED),
-    "bilinear, tiles": UpsamplingOptions(Upsampling.BILINEAR, AUTO_TILE),
     "guided, tiles": UpsamplingOptions(Upsampling.GUIDED, AUTO_TILE),
 }
 
 
 def print_times(frame: Frame, session: Session, runs: int) -> None:
     """Print a line for each step and each way."""
-    card = session.model.card
-    batch, layout = prepare(card.input, frame)
-    coarse = coarse_depth(card.output, session.run(batch)[0], layout)
-    actions: dict[str, Callable[[], object]] = {
-        "network alone": lambda: session.run(batch),
-        "bilinear alone": lambda: full_size(card.output, coarse, frame, Upsampling.BILINEAR),
-        "guided alone": lambda: full_size(card.output, coarse, frame, Upsampling.GUIDED),
-    }
+    batch, _ = prepare(session.model.card.input, frame)
+    actions: dict[str, Callable[[], object]] = {"network alone": lambda: session.run(batch)}
     for name, way in WAYS.items():
-        actions[f"predict, {name}"] = partial(depthcli.Pipeline(session, way).predict, frame)
+        actions[name] = partial(depthcli.Pipeline(session, way).predict, frame)
     print(f"\n{frame.width}×{frame.height}")
     timings = alternate(list(actions.values()), runs)
     for name, timing in zip(actions, timings, strict=True):

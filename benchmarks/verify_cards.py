@@ -17,7 +17,7 @@ import sys
 import tempfile
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -88,24 +88,21 @@ SAME = "as {}, of the same code and processing"
 
 def main() -> None:
     """Compare the given cards, or all, and print a line for each."""
-    cards = [path.stem for path in sorted(FOLDER.glob("*.json")) if is_compared(verification(path))]
+    packages = compared()
     options = parse_options(
         __doc__,
-        rest=("cards", cards),
+        rest=("cards", list(packages)),
         environments=Path(tempfile.gettempdir()) / "authors",
         write=False,
-        theirs=Path,
     )
     failed = False
     together: dict[str, list[str]] = {}
     for card in options.cards:
-        package = verification(FOLDER / f"{card}.json")["package"]
-        together.setdefault(package, []).append(card)
+        together.setdefault(packages[card], []).append(card)
     for package, cards in together.items():
         with tempfile.TemporaryDirectory() as temporary:
-            folder = options.theirs or Path(temporary)
-            if not options.theirs:
-                run_theirs(PACKAGES[package], cards, options.environments, folder)
+            folder = Path(temporary)
+            run_theirs(PACKAGES[package], cards, options.environments, folder)
             for card in cards:
                 differences = compare(card, folder)
                 failed |= not differences.worst <= MOST
@@ -120,14 +117,14 @@ def main() -> None:
     sys.exit(failed)
 
 
-def verification(path: Path) -> dict[str, Any]:
-    """What a card states of its comparison: at least the package, so that it can be compared."""
-    return json.loads(path.read_text("utf-8")).get("verification", {})
-
-
-def is_compared(verified: dict[str, Any]) -> bool:
-    """Whether a card is compared by itself."""
-    return "package" in verified and not verified.get("note", "").startswith(SAME.partition("{")[0])
+def compared() -> dict[str, str]:
+    """The package that each card states that is compared by itself."""
+    packages = {}
+    for path in sorted(FOLDER.glob("*.json")):
+        verification = json.loads(path.read_text("utf-8")).get("verification", {})
+        if "package" in verification and not verification.get("note", "").startswith("as "):
+            packages[path.stem] = verification["package"]
+    return packages
 
 
 class Differences(NamedTuple):

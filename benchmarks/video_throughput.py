@@ -13,16 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import cv2
-from tools import (
-    Stages,
-    parse_options,
-    print_spread,
-    print_stages,
-    process,
-    ratios,
-    wall_s,
-    write_video,
-)
+import tools
 
 from depthcli.core.options import UpsamplingOptions
 from depthcli.core.parallel import usable_cores
@@ -45,7 +36,7 @@ def measure_stages(video: Path, folder: Path, frames: int) -> dict[str, float]:
     pipeline = Pipeline(SessionLoader(threads=1).load(), UpsamplingOptions())
     plan = plan_video(VideoRequest(str(video), video_destination(f"{folder}/", FORMATS)))
     work = FrameStages(plan, pipeline, FrameJournal(), FrameAnchors(plan.settings))
-    stages = Stages()
+    stages = tools.Stages()
     with VideoSource(video) as source, ExitStack() as stack:
         outputs = {
             format_: stack.enter_context(open_output(format_, plan, source, Guard.of([video])))
@@ -67,20 +58,22 @@ def measure_stages(video: Path, folder: Path, frames: int) -> dict[str, float]:
 
 def main() -> None:
     """Measure and print."""
-    options = parse_options(__doc__, frames=500, rounds=3)
+    options = tools.parse_options(__doc__, frames=500, rounds=3)
     limits, rates = [], []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        video = write_video(folder / "room.avi", options.frames)
-        command = process("-m", "depthcli", "video", str(video), "-o", f"{folder}/out", "--quiet")
+        video = tools.write_video(folder / "room.avi", options.frames)
+        command = tools.process(
+            "-m", "depthcli", "video", str(video), "-o", f"{folder}/out", "--quiet"
+        )
         for _ in range(options.rounds):
             stages_s = measure_stages(video, folder / "stages", min(100, options.frames - 1))
             limits.append(usable_cores() / sum(stages_s.values()))
-            rates.append(options.frames / wall_s(command))
+            rates.append(options.frames / tools.wall_s(command))
             shutil.rmtree(folder / "out")
             print(f"limit {limits[-1]:.1f} frames/s  video {rates[-1]:.1f} frames/s")
-    print_stages(stages_s)
-    print_spread("share of the limit", ratios(rates, limits))
+    tools.print_stages(stages_s)
+    tools.print_spread("share of the limit", tools.ratios(rates, limits))
 
 
 if __name__ == "__main__":

@@ -70,17 +70,9 @@ def _preloaded(folder: Path) -> int:
     if path is None:
         print("needs Linux and a C compiler")
         return 2
-    environment = {
-        **os.environ,
-        "OMP_NUM_THREADS": "1",
-        "LD_PRELOAD": str(path),
-        _LIBRARY: str(path),
-    }
-    return subprocess.run(
-        [sys.executable, "-m", "robustness.every_call_fails", *sys.argv[1:]],
-        env=environment,
-        check=False,
-    ).returncode
+    once = {"OMP_NUM_THREADS": "1", "LD_PRELOAD": str(path), _LIBRARY: str(path)}
+    words = [sys.executable, "-m", "robustness.every_call_fails", *sys.argv[1:]]
+    return subprocess.run(words, env={**os.environ, **once}, check=False).returncode
 
 
 def _run(asked: argparse.Namespace, folder: Path) -> int:
@@ -127,7 +119,7 @@ class Trial:
         if in_a_fork(lambda: command.prepare(self._template)):
             raise RuntimeError("inputs cannot be made")
         self._before = self._contents(self._template)
-        self._fresh()
+        faulty_commands.copied(self._template, self._folder)
         done, self._calls = self._injector.calls(command.words, self._folder)
         if done.code != 0:
             raise RuntimeError(f"{command.words}: {done.code}: {done.err}")
@@ -153,7 +145,7 @@ class Trial:
 
     def problems(self, fault: Fault) -> Iterator[str]:
         """What fell short with a fault, and without one after it."""
-        self._fresh()
+        faulty_commands.copied(self._template, self._folder)
         done = self._injector.run(self._command.words, self._folder, fault)
         if not done.where:
             return  # in another order of threads there was no such call
@@ -177,7 +169,8 @@ class Trial:
         again = self._injector.run(self._command.words, self._folder)
         found = self._contents(self._folder)
         if again.code != 0:
-            if not self._is_done(found, again):
+            # What was done in spite of the fault may refuse, as a usage error, to be done twice.
+            if again.code != _USAGE or not self._whole.items() <= found.items():
                 yield f"the next run ends with {again.code}: {again.err.strip()}"
             return
         if found != self._whole:
@@ -200,13 +193,6 @@ class Trial:
             yield f"{len(errors)} lines of errors with exit {done.code}: {done.err.strip()}"
         if "unexpected" in done.err or "Traceback" in done.err:
             yield f"says {done.err.strip()}"
-
-    def _is_done(self, found: dict[str, bytes | None], again: Ended) -> bool:
-        """What was done in spite of the fault may refuse, as a usage error, to be done twice."""
-        return again.code == _USAGE and all(item in found.items() for item in self._whole.items())
-
-    def _fresh(self) -> None:
-        faulty_commands.copied(self._template, self._folder)
 
     def _contents(self, folder: Path) -> dict[str, bytes | None]:
         return faulty_commands.contents(folder, self._command)

@@ -6,9 +6,11 @@ import io
 import json
 import os
 import re
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable
 from fractions import Fraction
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -34,7 +36,6 @@ from depthcli.io.calibration import read_calibration
 from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.depth.read import DepthReadOptions, read_metadata, read_stored_depth
 from depthcli.io.exr.file import read_exr_rate, write_exr
-from depthcli.io.exr.image import read_exr_image
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
@@ -189,18 +190,13 @@ def _exr_pictures() -> list[bytes]:
 
 
 def _read_exr_image(path: Path) -> None:
-    _write_depth(read_image(path, max_pixels=_MAX_PIXELS), path)
-    read_image(None, path.read_bytes(), max_pixels=_MAX_PIXELS)
-
-
-def _read_plate(path: Path) -> None:
-    _write_depth(read_exr_image(path, max_pixels=_MAX_PIXELS), path)
+    for frame in (
+        read_image(path, max_pixels=_MAX_PIXELS),
+        read_image(None, path.read_bytes(), max_pixels=_MAX_PIXELS),
+    ):
+        depth = DepthMap(np.zeros((frame.height, frame.width), np.float32))
+        ExrWriter().write(depth, path.with_name("b.exr"), frame)
     read_exr_rate(path)
-
-
-def _write_depth(frame: Frame, path: Path) -> None:
-    depth = np.zeros((frame.height, frame.width), np.float32)
-    ExrWriter().write(DepthMap(depth), path.with_name("b.exr"), frame)
 
 
 def _flat_exr() -> bytes:
@@ -307,15 +303,11 @@ def _videos() -> list[bytes]:
 
 def _read_video(path: Path) -> None:
     with VideoSource(path, max_pixels=_MAX_PIXELS) as source:
-        for frame in source.frames():
-            if frame.index > _MAX_FRAMES:
-                return
+        _take_frames(source.frames())
 
 
-def _read_depth_video(path: Path) -> None:
-    for number, _ in enumerate(DepthVideo(path)):
-        if number > _MAX_FRAMES:
-            return
+def _take_frames(frames: Iterable[object]) -> None:
+    deque(islice(frames, _MAX_FRAMES), maxlen=0)
 
 
 def _mats() -> list[bytes]:
@@ -333,15 +325,9 @@ def _mats() -> list[bytes]:
 
 def _read_mat(path: Path) -> None:
     pairs = open_mat(path)
-    try:
+    with pairs.file:
         for i in range(min(2, len(pairs))):
             pairs.image(i), pairs.depth_m(i), pairs.raw_depth_m(i)
-    finally:
-        pairs.file.close()
-
-
-def _indices() -> list[bytes]:
-    return [b"id,scene,official_split\r\n0000,kitchen,test\r\n0001,study,train\r\n"]
 
 
 @cache
@@ -388,10 +374,6 @@ def _path_tables() -> list[bytes]:
     return made
 
 
-class UnexpectedError(Exception):
-    """The command line met an error that it does not know."""
-
-
 def _batch(path: Path) -> None:
     """A batch beside the rows of an earlier one; a file of no row is another program's."""
     cli = InProcess(ROOT, path.parent, path.parent / "models")
@@ -405,15 +387,7 @@ def _batch(path: Path) -> None:
         done = cli("batch", "in", "--out", "out", "--quiet")
         said = done.stderr.decode("utf-8", "surrogateescape")
         if UNEXPECTED.search(said) or done.returncode not in {0, 2}:
-            raise UnexpectedError(f"{done.returncode}: {said[:500]}")
-
-
-def _read_list(path: Path) -> None:
-    listed_inputs(parse_list(path.read_bytes()), os.fspath(path.parent))
-
-
-def _read_setting(path: Path) -> None:
-    apply_overrides(TrainConfig(), [], [path.read_bytes().decode("utf-8", "surrogateescape")])
+            raise RuntimeError(f"{done.returncode}: {said[:500]}")
 
 
 def _read_journal(path: Path) -> None:
@@ -450,7 +424,7 @@ TARGETS: dict[str, Target] = {
     "own-png": Target("a.depth.png", _depth_pngs, is_own_picture),
     "depth-png": Target("a.png", _depth_pngs, _exr_or_facts),
     "exr": Target("a.exr", _exrs, _exr_or_facts, 2),
-    "exr-plate": Target("a.exr", _plates, _read_plate, 2),
+    "exr-plate": Target("a.exr", _plates, _read_exr_image, 2),
     "exr-picture": Target("a.exr", _exr_pictures, _read_exr_image, 2),
     "npy": Target("a.npy", _npys, _exr_or_facts, 2),
     "anchors": Target(
@@ -464,12 +438,18 @@ TARGETS: dict[str, Target] = {
     "onnx": Target("a.onnx", _models, _read_onnx, 2),
     "model": Target("a.onnx", _models, _run_model, 2),
     "video": Target("a.mkv", _videos, _read_video, 3),
-    "depth-video": Target("a.mkv", lambda: _videos()[:1], _read_depth_video, 2),
+    "depth-video": Target(
+        "a.mkv", lambda: _videos()[:1], lambda path: _take_frames(DepthVideo(path)), 2
+    ),
     "ffv1-slices": Target(
         "a.bin", lambda: _videos()[:1], lambda path: has_valid_slices(path.read_bytes())
     ),
     "mat": Target("a.mat", _mats, _read_mat, 2),
-    "index": Target("index.csv", _indices, read_index),
+    "index": Target(
+        "index.csv",
+        lambda: [b"id,scene,official_split\r\n0000,kitchen,test\r\n0001,study,train\r\n"],
+        read_index,
+    ),
     "cameras": Target(
         "cameras.csv",
         lambda: [b"id,focal_px,hfov_deg,cx,cy\na,30,,,\nb,,60,3.5,-2\n"],
@@ -487,9 +467,19 @@ TARGETS: dict[str, Target] = {
         lambda: [b"seed = 3\n[data]\nwidth = 64\nzoom = 1.5\n[optim]\nlearning_rate = 1e-4\n"],
         lambda path: apply_overrides(TrainConfig(), [path], []),
     ),
-    "setting": Target("a.txt", lambda: [b"optim.epochs_decay=3", b"data.width=64"], _read_setting),
+    "setting": Target(
+        "a.txt",
+        lambda: [b"optim.epochs_decay=3", b"data.width=64"],
+        lambda path: apply_overrides(
+            TrainConfig(), [], [path.read_text("utf-8", "surrogateescape")]
+        ),
+    ),
     "manifest": Target("manifest.jsonl", _manifests, _batch, 0.7),
     "frame-journal": Target(".a.depthcli-frames", lambda: [b'"tiny"\n0\n1\n2\n'], _read_journal),
     "parquet-list": Target("a.parquet", _path_tables, lambda path: [*column_texts(path, None)], 2),
-    "list": Target("a.txt", lambda: [b"a.png\nb/c.png\n", b"a.png\0b\nc.png\0"], _read_list),
+    "list": Target(
+        "a.txt",
+        lambda: [b"a.png\nb/c.png\n", b"a.png\0b\nc.png\0"],
+        lambda path: listed_inputs(parse_list(path.read_bytes()), os.fspath(path.parent)),
+    ),
 }

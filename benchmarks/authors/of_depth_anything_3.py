@@ -37,8 +37,8 @@ class OneView(torch.nn.Module):
         """Depth, and sky where there is a head for it, (1, H, W), of (1, 3, H, W)."""
         height, width = image.shape[-2:]
         features, _ = self.model.backbone(image[:, None], export_feat_layers=[])
-        found = self.model.head(features, height, width, patch_start_idx=0)
-        return (found.depth[:, 0], *([found.sky[:, 0]] if self.has_sky else []))
+        outputs = self.model.head(features, height, width, patch_start_idx=0)
+        return (outputs.depth[:, 0], *([outputs.sky[:, 0]] if self.has_sky else []))
 
 
 def build(card: str) -> Authors:
@@ -80,18 +80,17 @@ def build(card: str) -> Authors:
         """Depth without sky, at the network's size: the authors do not enlarge."""
         if not has_sky:
             return {}
-        made = model._process_mono_sky_estimation(  # noqa: SLF001 - their step
+        theirs = model._process_mono_sky_estimation(  # noqa: SLF001 - their step
             Dict(depth=outputs[0][None].clone(), sky=outputs[1][None])
         )
-        theirs = made.depth[0, 0].numpy()
         ground = outputs[1][0].numpy() < 0.3
-        found = {"raw": np.where(ground, theirs, np.nan), "ground": ground}
-        if card.endswith("metric"):
-            camera = np.diag([FOCAL_PX, FOCAL_PX, 1.0])[None]
-            _, _, scaled = processor([rgb], None, camera, sequential=True)
-            metres = apply_metric_scaling(torch.tensor(found["raw"])[None, None], scaled[None])
-            found |= {"focal_px": FOCAL_PX, "metres": metres[0, 0]}
-        return found
+        raw = np.where(ground, theirs.depth[0, 0].numpy(), np.nan)
+        if not card.endswith("metric"):
+            return {"raw": raw, "ground": ground}
+        camera = np.diag([FOCAL_PX, FOCAL_PX, 1.0])[None]
+        _, _, scaled = processor([rgb], None, camera, sequential=True)
+        metres = apply_metric_scaling(torch.tensor(raw)[None, None], scaled[None])
+        return {"raw": raw, "ground": ground, "focal_px": FOCAL_PX, "metres": metres[0, 0]}
 
     outputs = ("depth", "sky") if has_sky else ("depth",)
     return Authors(OneView(model, has_sky=has_sky), outputs, prepare, finish)
