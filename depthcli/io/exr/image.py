@@ -147,7 +147,7 @@ def read_exr_image(
 def _mirror_outside(pixels: Float32Array, windows: Windows) -> None:
     """Fill (H, W, C) outside the data window by mirroring what is in it, in place.
 
-    A network takes black for a surface. On 45 photographs (benchmarks/outside_data.py), of which
+    A network takes black for a surface. On 45 photographs, of which
     2 % are missing at one side, black changes the depth of the rest by 2.1 % (mean), the nearest
     pixel by 1.4 %, this by 1.3 %; if 10 % are, by 4.6, 5.7 and 4.4 %; if half is, by 14, 18, 12 %.
     """
