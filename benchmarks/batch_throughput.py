@@ -30,7 +30,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest import OK, CacheKey, Journal, ManifestRow, output_entry
-from depthcli.jobs.write import write_output
+from depthcli.jobs.image import write_output
 from depthcli.models.catalog import find_model
 
 if TYPE_CHECKING:

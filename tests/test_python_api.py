@@ -98,7 +98,7 @@ def test_warnings_are_issued_at_the_caller(model: depthcli.DepthModel, tmp_path:
         assert [one.filename for one in told] == [__file__]
     with pytest.warns(depthcli.DepthcliWarning, match=advice) as told:
         list(model.predict_many([path, dark], workers=2))
-    assert [str(one.message).partition(":")[0] for one in told] == [str(path), "a picture"]
+    assert [str(one.message).partition(":")[0] for one in told] == [str(path), "an image"]
     assert {one.filename for one in told} == {__file__}
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -21,14 +21,14 @@ from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import DEFAULT_UPSAMPLING, UpsamplingOptions
 from depthcli.core.parallel import ordered_map
-from depthcli.core.types import Frame, displayed_depth, displayed_frame
+from depthcli.core.types import Frame, displayed_frame
 from depthcli.errors import UsageError
-from depthcli.inference.camera import focal_warnings
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.pipeline import Pipeline, Prediction
+from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.providers import AUTO
 from depthcli.io.images.pixels import check_levels
 from depthcli.io.images.read import Picture, frame_of
+from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
 from depthcli.models.card import ModelCard
 
 _Task: TypeAlias = tuple[Picture, AnchorPoints | None]
@@ -103,6 +103,7 @@ class DepthModel:
 
     def __init__(self, pipeline: Pipeline) -> None:
         self.pipeline = pipeline
+        self._job = ImageJob(pipeline)
 
     @property
     def card(self) -> ModelCard:
@@ -156,9 +157,8 @@ class DepthModel:
         camera = Intrinsics.given(focal_px, hfov_deg)
         points = None if anchors is None else anchor_points(anchors, anchors_fit)
         frame = frame_of(picture, white_level)
-        depth, texts = _displayed(self.pipeline.predict(frame, camera, points), frame)
-        camera_texts = focal_warnings(self.card, camera) if points is None else ()
-        warn_all((*camera_texts, *texts))
+        depth, texts = _displayed(self._job.run(ImageTask(frame, camera, points)), frame)
+        warn_all(texts)
         return depth
 
     def predict_many(
@@ -204,8 +204,6 @@ class DepthModel:
         known: Iterable[AnchorPoints | None] = itertools.repeat(points)
         if anchors_each is not None:
             known = (None if a is None else anchor_points(a, anchors_fit) for a in anchors_each)
-        elif points is None:
-            warn_all(focal_warnings(self.card, camera))
 
         def predicted(batch: list[_Reader]) -> list[_Displayed | Exception]:
             frames, problem = list[Frame](), list[_Displayed | Exception]()
@@ -215,11 +213,16 @@ class DepthModel:
                 except Exception as error:  # noqa: BLE001 - raised at its position
                     problem.append(error)
                     break
-            own = [points for _, points in batch[: len(frames)]]
-            found = self.pipeline.predict_many(frames, [camera] * len(frames), own)
-            done = zip(found, frames, strict=True)
+            tasks = [
+                ImageTask(frame, camera, points)
+                for frame, (_, points) in zip(frames, batch, strict=False)
+            ]
+            results = zip(self._job.run_many(tasks), frames, strict=True)
             return [
-                *(one if isinstance(one, Exception) else _displayed(one, f) for one, f in done),
+                *(
+                    done if isinstance(done, Exception) else _displayed(done, f)
+                    for done, f in results
+                ),
                 *problem,
             ]
 
@@ -228,21 +231,19 @@ class DepthModel:
         return _maps(ordered_map(predicted, batches, workers=workers))
 
 
-def _displayed(prediction: Prediction, frame: Frame) -> _Displayed:
-    """The map in the display window, and warnings that name its image."""
-    shown = displayed_depth(prediction.depth, frame.windows)
-    name = frame.path or "a picture"
-    texts = tuple(f"{name}: {text}" for text in (*frame.warnings, *prediction.warnings))
-    return DepthMap.of(shown, displayed_frame(frame)), texts
+def _displayed(done: ImageResult, frame: Frame) -> _Displayed:
+    """The map in the display window, and warnings."""
+    texts = done.named_warnings(str(frame.path or "an image"))
+    return DepthMap.of(done.depth, displayed_frame(frame)), texts
 
 
 def _maps(batches: Generator[list[_Displayed | Exception], None, None]) -> Iterator[DepthMap]:
     """The maps of batches, up to the first error."""
     with closing(batches):
-        for found in (one for batch in batches for one in batch):
-            if isinstance(found, Exception):
-                raise found
-            depth, texts = found
+        for done in (each for batch in batches for each in batch):
+            if isinstance(done, Exception):
+                raise done
+            depth, texts = done
             warn_all(texts)
             yield depth
 

@@ -27,8 +27,8 @@ from depthcli.io.listing import folder as folders
 from depthcli.io.listing.folder import InputFile, NameFilter, Skipped
 from depthcli.io.storage import atomic, paths
 from depthcli.jobs import inspect, output_names, outputs
+from depthcli.jobs.image import FailedInput, failure_reason
 from depthcli.jobs.video.plan import LOCK_S
-from depthcli.jobs.write import FailedInput, failure_reason
 from depthcli.video import numbering
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from pkgutil import resolve_name
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
@@ -22,8 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from typing import BinaryIO
 
-    from depthcli.core.types import DepthMap
-    from depthcli.jobs.write import FailedInput
+    from depthcli.jobs.image import FailedInput
+    from depthcli.jobs.predict_images import PredictResult
 
 _RULES = outputs.FormatRules(
     (Format.PNG16, Format.PREVIEW), format_of, stem_of, FILE_SUFFIXES, stdout=Format.PNG16
@@ -60,18 +59,7 @@ class PredictRequest(MapOptions):
         return (*self.camera.warnings, Message(f"{told}if neither camera nor scene moved", advice))
 
 
-class PictureResult(NamedTuple):
-    """The result of an input whose outputs are all written."""
-
-    name: str  #: the input, as the user wrote it
-    outputs: tuple[str, ...]  #: the files written, ``-`` for standard output
-    depth: DepthMap  #: the depth map, of an EXR that of its display window
-    provider: str  #: the provider that ran the model
-    seconds: float  #: from opening the input to the last output
-    warnings: tuple[str, ...]  #: one line each
-
-
-def predict(request: PredictRequest) -> Iterator[PictureResult | FailedInput]:
+def predict(request: PredictRequest) -> Iterator[PredictResult | FailedInput]:
     """Predict the depth of images; a bad one does not stop the others.
 
     Outputs are named and the model starts to load before this returns. The results come in the
@@ -91,10 +79,9 @@ def predict(request: PredictRequest) -> Iterator[PictureResult | FailedInput]:
         raise UsageError(problem, "name a folder for more", option="out")
     plans = [plan._replace(name=safe_name(n)) for n, plan in zip(names, plans, strict=True)]
     loading = request.model.start()
-    # Imported here, while the model loads; by its name, as it imports this module.
-    pictures = resolve_name("depthcli.jobs.predict_images:predict_pictures")
-    results: Iterator[PictureResult | FailedInput] = pictures(request, plans, loading)
-    return results
+    from depthcli.jobs.predict_images import predict_images  # noqa: PLC0415 - while it loads
+
+    return predict_images(request, plans, loading)
 
 
 def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -31,15 +31,13 @@ from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive
 
-from depthcli.core.types import displayed_depth
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, is_out_of_memory
-from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.io.formats.table import Format
 from depthcli.io.storage.temporary import temporary_folder
+from depthcli.jobs.image import ImageJob, ImageTask, depth_facts
 from depthcli.jobs.outputs import MapOptions
-from depthcli.jobs.write import depth_facts, write_stream
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _DRAIN_S = 30
@@ -193,15 +191,10 @@ class DepthServer:
         """The encoded depth of an image and what is known of it; runs in a thread."""
         limited = replace(asked, max_pixels=self.limits.max_pixels)
         frame, points = limited.read(None, data, "the request"), asked.known_points()
-        pipeline = Pipeline(self.session, asked.detail)
-        depth, warnings = pipeline.predict(frame, asked.camera, points)
-        warnings = (*self.session.warnings, *frame.warnings, *warnings)
-        if not points:
-            warnings += focal_warnings(self.session.model.card, asked.camera)
-        body = BytesIO()
-        warnings += write_stream(asked.writing, asked.format, depth, frame, body)
-        facts = depth_facts(displayed_depth(depth, frame.windows))
-        return body.getvalue(), facts | {"warnings": [str(warning) for warning in warnings]}
+        job, body = ImageJob(Pipeline(self.session, asked.detail), asked.writing), BytesIO()
+        done = job.run(ImageTask(frame, asked.camera, points, {asked.format: body}))
+        warnings = dict.fromkeys((*self.session.warnings, *done.warnings))
+        return body.getvalue(), depth_facts(done.depth) | {"warnings": [*map(str, warnings)]}
 
     def _in_flight(self) -> int:
         return int(self._metrics.get_sample_value(_IN_FLIGHT) or 0)

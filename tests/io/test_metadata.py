@@ -26,7 +26,7 @@ from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import FORMATS, Format, writer_class
 from depthcli.jobs.convert import ConvertRequest, convert
-from depthcli.jobs.predict import PictureResult
+from depthcli.jobs.predict_images import PredictResult
 
 WORDS = {
     CameraSource.OPTION: "hfov 90.0° (given)",
@@ -65,7 +65,7 @@ def test_a_file_says_which_camera(
 
 @pytest.mark.parametrize("source", WORDS)
 def test_predict_says_which_camera(source: CameraSource | None) -> None:
-    done = PictureResult("a.jpg", ("a.png",), seen_by(source), "cpu", 0.1, ())
+    done = PredictResult("a.jpg", ("a.png",), seen_by(source), "cpu", 0.1, ())
     assert picture_text(done).endswith(f"max 1.000 m  camera: {WORDS[source]}")
     facts = json.loads(json.dumps(picture_json(done)))
     assert (facts["focal_px"], facts["camera_source"]) == (2, source)

@@ -40,12 +40,13 @@ from depthcli.io.manifest import OK
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
+from depthcli.jobs.image import FailedInput
 from depthcli.jobs.output_names import output_bases
 from depthcli.jobs.outputs import plan_outputs
-from depthcli.jobs.predict import PictureResult, picture_destination, predict
+from depthcli.jobs.predict import picture_destination, predict
+from depthcli.jobs.predict_images import PredictResult
 from depthcli.jobs.video.plan import VideoResult, VideoSettings, video_destination
 from depthcli.jobs.video.run import video
-from depthcli.jobs.write import FailedInput
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
 from depthcli.video.source import VideoSource, open_frames
@@ -58,7 +59,7 @@ def loader(tmp_path: Path) -> SessionLoader:
     return SessionLoader(write_model(tmp_path / "model", camera={"hfov_deg": 60.0}), "cpu")
 
 
-def predicted(path: Path, loader: SessionLoader, *formats: Format, **more: Any) -> PictureResult:
+def predicted(path: Path, loader: SessionLoader, *formats: Format, **more: Any) -> PredictResult:
     request = predict_request([path], f"{path.parent}/out/", formats, model=loader, **more)
     (done,) = predict(request)
     if isinstance(done, FailedInput):

@@ -21,8 +21,8 @@ from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
+from depthcli.jobs.image import FailedInput, write_output
 from depthcli.jobs.predict import PredictRequest, predict
-from depthcli.jobs.write import FailedInput, write_output
 
 
 def test_every_picture_has_its_result_in_its_turn(

@@ -35,7 +35,8 @@ from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.models import add_model
-from depthcli.jobs.predict import PictureResult, PredictRequest, predict
+from depthcli.jobs.predict import PredictRequest, predict
+from depthcli.jobs.predict_images import PredictResult
 from depthcli.jobs.video.plan import video_destination
 from depthcli.jobs.video.run import video
 from depthcli.models.catalog import find_model
@@ -56,7 +57,7 @@ def test_pictures_go_from_bucket_to_bucket(
 ) -> None:
     picture = write_picture(tmp_path / "a ü.png")
     (here,) = predict(predict_request([picture], f"{tmp_path}/", FORMATS, model=loader))
-    assert isinstance(here, PictureResult)
+    assert isinstance(here, PredictResult)
     uri = bucket.put("in/a ü.png", picture.read_bytes())
     bucket.put("in/a ü.jpg", b"another of that name")
     faults = once_each()
@@ -64,7 +65,7 @@ def test_pictures_go_from_bucket_to_bucket(
     done, failed = predict(
         predict_request([uri, missing], bucket.uri("out/"), FORMATS, model=loader)
     )
-    assert isinstance(done, PictureResult)
+    assert isinstance(done, PredictResult)
     assert isinstance(failed.error, InputError)
     assert str(failed.error) == f"{missing} cannot be read: no such object"
     found = {k: v for k, v in bucket.objects().items() if k.startswith("out/")}
@@ -84,7 +85,7 @@ def test_results_lie_beside_the_object(
 ) -> None:
     uri = bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
     (done,) = predict(predict_request([uri], None, (Format.NPY,), model=loader))
-    assert isinstance(done, PictureResult)
+    assert isinstance(done, PredictResult)
     assert set(bucket.objects()) == {"in/a.png", "in/a.depth.npy"}
     with pytest.raises(UsageError):
         predict(PredictRequest(("http://127.0.0.1:9/a.png",), model=loader))
@@ -105,7 +106,7 @@ def test_a_sensor_s_depth_in_a_bucket_is_not_replaced(
     for _ in range(2):  # its own outputs are replaced
         bad, good = predict(predict_request(uris, None, formats, model=loader))
         assert bad.error.message.problem == f"{names[0]} {problem}"
-        assert isinstance(good, PictureResult)
+        assert isinstance(good, PredictResult)
     frames = video_request(
         bucket.uri("p/p.%04d.png"), f"{bucket.uri('p/d.%04d')}{suffix}", model=loader
     )
@@ -126,7 +127,7 @@ def test_a_store_that_does_not_answer_gets_no_output(
             answer if method == "GET" and "/out/" in path else None
         )
         (done,) = predict(request)
-        assert isinstance(done, PictureResult) is is_written
+        assert isinstance(done, PredictResult) is is_written
         assert ("out/a.depth.png" in bucket.names()) is is_written
 
 

@@ -81,7 +81,7 @@ def predict(
         console.warn_all(parse.unused_by_outputs(given, destination.wanted, request.writing))
         console.warn_all(f"{safe_name(name)} was written by depthcli; skipped" for name in own)
     from depthcli.cli.screen.results import print_result
-    from depthcli.jobs.write import FailedInput
+    from depthcli.jobs.image import FailedInput
 
     failed = []
     for result in results:

@@ -178,10 +178,10 @@ def video(
     from depthcli.cli.screen import console
     from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.paths import safe_name
+    from depthcli.jobs.image import FailedInput
     from depthcli.jobs.outputs import STDIO
     from depthcli.jobs.video import run as job
     from depthcli.jobs.video.plan import LOOK_AHEAD, VideoRequest, VideoSettings, video_destination
-    from depthcli.jobs.write import FailedInput
     from depthcli.video.container import live_stream
 
     to_stdout = output.out == STDIO

@@ -15,8 +15,8 @@ from depthcli.core.types import DepthRange
 from depthcli.errors import SIGNAL_BASE, EngineError, ModelError, UsageError, about
 from depthcli.io.depth.metadata import camera_text
 from depthcli.io.listing.folder import skip_summary
-from depthcli.jobs.predict import PictureResult
-from depthcli.jobs.write import FailedInput, depth_facts
+from depthcli.jobs.image import FailedInput, depth_facts
+from depthcli.jobs.predict_images import PredictResult
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable
@@ -60,7 +60,8 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
         if as_json:
             console.out_json(result.row.as_json() | {"kept": result.is_kept})
         elif not quiet and not result.is_kept:
-            console.warn_all(result.row.warnings, name=result.row.input)
+            of_input = (text for text in result.row.warnings if text not in batch.warnings)
+            console.warn_all(of_input, name=result.row.input)
 
     console.warn_all(() if quiet else batch.warnings)
     try:
@@ -146,7 +147,7 @@ def print_failed(failed: FailedInput, *, as_json: bool) -> None:
 
 
 def print_result(
-    result: PictureResult | VideoResult | FailedInput, screen: ScreenOptions, *, to_stderr: bool
+    result: PredictResult | VideoResult | FailedInput, screen: ScreenOptions, *, to_stderr: bool
 ) -> None:
     """Print the result of an input as one JSON object or as text; with ``--quiet``, only errors.
 
@@ -156,18 +157,18 @@ def print_result(
         print_failed(result, as_json=screen.as_json)
         return
     known: Any = result
-    is_picture = isinstance(result, PictureResult)
+    is_picture = isinstance(result, PredictResult)
     if screen.as_json:
         console.out_json(picture_json(known) if is_picture else video_json(known))
     elif not screen.quiet:
         text = picture_text(known) if is_picture else video_text(known)
         (console.note if to_stderr else console.out)(text)
         console.warn_all(result.warnings, name=result.name)
-    if not isinstance(result, PictureResult) and result.problem:
+    if not isinstance(result, PredictResult) and result.problem:
         console.error(about(result.name, f"{result.problem}; frames written: {result.frames}"))
 
 
-def picture_json(done: PictureResult) -> dict[str, object]:
+def picture_json(done: PredictResult) -> dict[str, object]:
     """The fields of one line of ``--json``."""
     return {
         "input": done.name,
@@ -180,7 +181,7 @@ def picture_json(done: PictureResult) -> dict[str, object]:
     }
 
 
-def picture_text(done: PictureResult) -> str:
+def picture_text(done: PredictResult) -> str:
     """One line: outputs, range of depth, camera."""
     spread = DepthRange.of(done.depth)
     if spread.min is None:
@@ -190,7 +191,7 @@ def picture_text(done: PictureResult) -> str:
     return _line(done, numbers)
 
 
-def _line(done: PictureResult | VideoResult, facts: str) -> str:
+def _line(done: PredictResult | VideoResult, facts: str) -> str:
     files, camera = ", ".join(map(one_line, done.outputs)), camera_text(done.depth)
     seen_by = f"  camera: {camera}" if camera else ""
     return f"{one_line(done.name)} -> {files}  {facts}{seen_by}"

@@ -118,7 +118,7 @@ class WorkerProcesses:
                 end.close()  # so that the other end tells when the process has ended
             for end, _ in pipes:
                 self._free.put(end)
-        here.pipeline.session.on_stop = self._stop
+        here.job.pipeline.session.on_stop = self._stop
 
     def __enter__(self) -> Self:
         """The processes."""
@@ -161,7 +161,7 @@ def _serve(spec: WorkerSpec, ends: Sequence[Connection]) -> None:
     start_worker()
     loading = Background(spec.build)
     # Not the end of the process: Slurm and systemd signal the whole group.
-    signal.signal(signal.SIGTERM, lambda *_: loading.result().pipeline.session.stop())
+    signal.signal(signal.SIGTERM, lambda *_: loading.result().job.pipeline.session.stop())
     threads = [Thread(target=_answer, args=(end, loading)) for end in ends]
     with one_thread_each(len(threads)):
         for thread in threads:

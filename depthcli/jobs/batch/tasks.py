@@ -24,8 +24,8 @@ from depthcli.io.storage.atomic import Guard, is_same_file
 from depthcli.io.storage.objects import masked
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.plan import BatchPlan
+from depthcli.jobs.image import failure_reason
 from depthcli.jobs.outputs import Destination, Kind, MapOptions
-from depthcli.jobs.write import failure_reason
 from depthcli.video.formats import COUNTERPARTS, VideoFormat
 
 

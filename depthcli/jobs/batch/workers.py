@@ -12,15 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from depthcli._version import __version__
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import ordered_map
 from depthcli.core.progress import Progress
-from depthcli.core.types import Frame, displayed_depth
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, ModelError, about, os_errors_as
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.pipeline import Pipeline, Prediction
+from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.inference.trial import check_network
 from depthcli.io.depth.metadata import camera_text
@@ -30,7 +28,7 @@ from depthcli.io.manifest import AnchorEntry, CacheKey, output_entry
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import local_copy, path_of, read_bytes
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
-from depthcli.jobs.write import failure_reason, write_output, write_stream
+from depthcli.jobs.image import ImageJob, ImageResult, ImageTask, failure_reason
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.numbering import numbered_name
 
@@ -43,8 +41,7 @@ _Files: TypeAlias = tuple[dict[Format, bytes], str | None, tuple[str, ...]]
 
 class _OpenedImage(NamedTuple):
     task: BatchTask
-    frame: Frame
-    points: AnchorPoints | None
+    image: ImageTask
     sha256: str
     seconds: float
 
@@ -56,7 +53,7 @@ class ImageWorker:
     options: BatchOptions  #: how each image is processed
     out: Path  #: the output folder
     key: CacheKey  #: model and options of the batch
-    pipeline: Pipeline  #: the model
+    job: ImageJob  #: the model
 
     def work(self, tasks: Sequence[BatchTask]) -> list[BatchResult]:
         """Process some images; the network runs on them as one batch.
@@ -64,19 +61,13 @@ class ImageWorker:
         ModelError if it fails on any image, UsageError if the options do not fit the model.
         """
         opened = [self._open(task) for task in tasks]
-        readable = [one for one in opened if isinstance(one, _OpenedImage)]
+        readable = [each for each in opened if isinstance(each, _OpenedImage)]
         start_s = time.perf_counter()
-        predictions = iter(
-            self.pipeline.predict_many(
-                [one.frame for one in readable],
-                [self.options.camera.of_image(one.task.intrinsics) for one in readable],
-                [one.points for one in readable],
-            )
-        )
+        done = iter(self.job.run_many([each.image for each in readable]))
         share_s = (time.perf_counter() - start_s) / max(1, len(readable))
         return [
-            self._finish(one, next(predictions), share_s) if isinstance(one, _OpenedImage) else one
-            for one in opened
+            self._result(each, next(done), share_s) if isinstance(each, _OpenedImage) else each
+            for each in opened
         ]
 
     def _open(self, task: BatchTask) -> _OpenedImage | BatchResult:
@@ -92,35 +83,35 @@ class ImageWorker:
             frame = self.options.read(path_of(task.input.path), data)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return task.failed_result(error, self.key, start_s, sha256)
-        return _OpenedImage(task, frame, points, sha256, time.perf_counter() - start_s)
+        camera = self.options.camera.of_image(task.intrinsics)
+        image = ImageTask(frame, camera, points, task.outputs)
+        return _OpenedImage(task, image, sha256, time.perf_counter() - start_s)
 
-    def _finish(
-        self, opened: _OpenedImage, found: Prediction | Exception, share_s: float
+    def _result(
+        self, opened: _OpenedImage, done: ImageResult | Exception, share_s: float
     ) -> BatchResult:
-        task, frame, points, sha256, seconds = opened
+        task, image, sha256, seconds = opened
         start_s = time.perf_counter() - seconds - share_s
-        if isinstance(found, Exception):
-            check_network(found, self.pipeline.session)
-            return task.failed_result(found, self.key, start_s, sha256)
+        if isinstance(done, Exception):
+            check_network(done, self.job.pipeline.session)
+            return task.failed_result(done, self.key, start_s, sha256)
+        provenance, anchors = done.depth.provenance, None
+        if (fit := provenance.anchor_fit) and image.points is not None:
+            residual_m = round(fit.residual_m, 6)
+            model = None if provenance.model == self.key.model else provenance.model
+            checksum = image.points.sha256()
+            anchors = AnchorEntry(fit.given, fit.used, residual_m, checksum, fit.fit, model)
         try:
-            warnings = [*frame.warnings, *found.warnings]
-            for which, path in task.outputs.items():
-                warnings += write_output(self.options.writing, which, found.depth, frame, path)
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return task.failed_result(error, self.key, start_s, sha256)
-        made, anchors = found.depth.provenance, None
-        if (fit := made.anchor_fit) and points is not None:
-            residual_m = round(fit.residual_m, 6)
-            model = None if made.model == self.key.model else made.model
-            anchors = AnchorEntry(fit.given, fit.used, residual_m, points.sha256(), fit.fit, model)
         return task.result(
             self.key,
             start_s,
             sha256,
             outputs=files,
-            warnings=tuple(dict.fromkeys(warnings)),
-            camera=camera_text(displayed_depth(found.depth, frame.windows)),
+            warnings=done.warnings,
+            camera=camera_text(done.depth),
             anchors=anchors,
         )
 
@@ -149,7 +140,7 @@ class VideoWorker:
                     facts = self._write_video(task, source, sha256)
                 return task.result(images.key, start_s, sha256, **facts)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
-            check_network(error, images.pipeline.session)
+            check_network(error, images.job.pipeline.session)
             return task.failed_result(error, images.key, start_s, sha256)
 
     def _write_archive(self, task: BatchTask, source: Path) -> dict[str, Any]:
@@ -157,14 +148,14 @@ class VideoWorker:
         from depthcli.io.archives import archive_writer, members  # noqa: PLC0415 - seldom needed
 
         options, (path,) = self.images.options, task.outputs.values()
-        failed, warned, first, count = list[str](), list[str](), None, 0
+        failed, warned, first, count = list[str](), dict[str, None](), None, 0
         stage = self.progress.begin(task.input.name, None, "images")
 
         def work(member: Member) -> tuple[Member, _Files | Exception]:
             try:
                 return member, self._member_files(member, options.camera.of_image(task.intrinsics))
             except Exception as error:  # noqa: BLE001 - no image may stop the others
-                check_network(error, self.images.pipeline.session)
+                check_network(error, self.images.job.pipeline.session)
                 return member, error
 
         with (
@@ -183,7 +174,7 @@ class VideoWorker:
                 data, camera, warnings = found
                 write(member, data)
                 first = first or camera
-                warned += [about(member.name, text) for text in warnings]
+                warned |= dict.fromkeys(warnings)
             if count == len(failed):
                 raise InputError(failed[0] if failed else f"{source} holds no image")
         return {
@@ -200,14 +191,10 @@ class VideoWorker:
             raise InputError("holds no image")
         options = self.images.options
         frame = options.read(Path(member.name), member.data)
-        depth, warnings = self.images.pipeline.predict(frame, camera)
-        files = {}
-        for which in options.formats:
-            stream = BytesIO()
-            warnings += write_stream(options.writing, which, depth, frame, stream)
-            files[which] = stream.getvalue()
-        shown = displayed_depth(depth, frame.windows)
-        return files, camera_text(shown), tuple(dict.fromkeys((*frame.warnings, *warnings)))
+        streams = {format_: BytesIO() for format_ in options.formats}
+        done = self.images.job.run(ImageTask(frame, camera, None, streams))
+        files = {format_: stream.getvalue() for format_, stream in streams.items()}
+        return files, camera_text(done.depth), done.named_warnings(member.name)
 
     def _write_video(self, task: BatchTask, source: Path, sha256: str) -> dict[str, Any]:
         """Write the outputs of a video; returns fields of its row."""
@@ -232,7 +219,7 @@ class VideoWorker:
             VideoRequest(name, settings=settings, overwrite=overwrite),
             sha256=sha256,
         )
-        done = write_video(plan, self.images.pipeline, self.workers, self.progress)
+        done = write_video(plan, self.images.job.pipeline, self.workers, self.progress)
         files = _output_files(task.outputs, done.numbers)
         return {
             "outputs": tuple(output_entry(out, path) for path in files),
@@ -282,8 +269,8 @@ class WorkerSpec:
                 f"(sha256 {self.model_sha256})",
                 "copy that one here",
             )
-        pipeline = Pipeline(session, self.options.detail)
-        return ImageWorker(self.options, self.out, self.key(session), pipeline)
+        job = ImageJob(Pipeline(session, self.options.detail), self.options.writing)
+        return ImageWorker(self.options, self.out, self.key(session), job)
 
     def key(self, session: Session) -> CacheKey:
         """Fingerprint of the options, model and version that outputs are made with."""

@@ -15,20 +15,21 @@ from typing import Any
 import numpy as np
 
 from depthcli.core import temporal, types
+from depthcli.core.anchors import AnchorPoints
 from depthcli.core.arrays import Float32Array
-from depthcli.core.camera import Intrinsics
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, Message, about
 from depthcli.inference.camera import focal_warnings
-from depthcli.inference.pipeline import Pipeline, Prediction
+from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.metadata import dequantized, quantized
 from depthcli.io.formats.preview import percentiles
 from depthcli.io.formats.sidecar import remove_video_sidecar
 from depthcli.io.formats.table import WriterOptions
 from depthcli.io.images.read import undistorted
 from depthcli.io.storage.atomic import Guard, atomic_path
+from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
 from depthcli.jobs.video.known_depth import FrameAnchors
 from depthcli.jobs.video.plan import VideoPlan, VideoResult
 from depthcli.jobs.video.resume import FrameJournal, open_journal, rounding_scale
@@ -188,6 +189,7 @@ class FrameStages:
         """Begin before the first frame; the journal has frames that an earlier run wrote."""
         self._journal, self._scale = journal, rounding_scale(plan, pipeline)
         self.pipeline, self._settings, self._anchors = pipeline, plan.settings, anchors
+        self._job = ImageJob(pipeline)
         self._shift, self._source_rate = 0, 1.0  # of numbers; frames a second
         self._first_number: int | None = None
         self._name_numbers: Sequence[int] = ()
@@ -225,7 +227,9 @@ class FrameStages:
             depth = DepthMap(kept, self._kind)
         else:
             kept = None
-            (depth, warnings), unfitted = self._fitted(types.seen_frame(image), camera)
+            done, unfitted = self._fitted(types.seen_frame(image))
+            depth, of_video = done.whole, {*done.shared, *image.warnings}
+            warnings = tuple(text for text in done.warnings if text not in of_video)
             if self._scale is not None:
                 values = dequantized(quantized(depth.values, self._scale)[0], self._scale)
                 depth = dataclasses.replace(depth, values=values)
@@ -237,24 +241,27 @@ class FrameStages:
         frame = DepthFrame(image, depth, percentiles(small), is_kept=kept is not None)
         return PredictedFrame(frame, unfitted, small_image, temporal.to_log(small), warnings)
 
-    def _fitted(self, image: Frame, camera: Intrinsics) -> tuple[Prediction, str | None]:
+    def _fitted(self, image: Frame) -> tuple[ImageResult, str | None]:
         """Depth of a frame, and why it is not fitted to known depth, if the video has any."""
         if not self._settings.anchors:
-            return self.pipeline.predict(image, camera), None
+            return self._run(image, None), None
         number, time_s = image.index - self._shift, image.timestamp_s or 0.0
         named = self._name_numbers[number] if self._name_numbers else number
         stamps = stamps_a_second(named) if self._name_numbers else None
         try:
             points = self._anchors.of_frame(named, time_s, self._source_rate, stamps)
             if points is not None:
-                return self.pipeline.predict(image, camera, points), None
+                return self._run(image, points), None
             advice = "{anchors_within} takes that of the nearest time"
             problem: str = Message(f"frame {number} has no known depth", advice)
         except InputError as error:
             problem = about(f"frame {number}", error.message)
         if self.pipeline.card.output.kind is not DepthKind.METRIC:
             raise InputError(problem, "give some for every frame, or another {model}")
-        return self.pipeline.predict(image, camera), problem
+        return self._run(image, None), problem
+
+    def _run(self, image: Frame, points: AnchorPoints | None) -> ImageResult:
+        return self._job.run(ImageTask(image, self._settings.camera, points))
 
     def smooth(self, frames: Iterable[PredictedFrame]) -> Iterator[DepthFrame]:
         """The stages that need the frames in order; fast, in one thread."""
@@ -335,7 +342,8 @@ def _result(
         raise TypeError(stages)
     pipeline, settings = stages.pipeline, plan.settings
     smooths = settings.smooth_s > 0
-    camera_warnings = () if settings.anchors else focal_warnings(pipeline.card, settings.camera)
+    is_fitted = bool(settings.anchors) and not stages.unfitted
+    camera_warnings = () if is_fitted else focal_warnings(pipeline.card, settings.camera)
     of_input = (*source.warnings, *stages.warnings, *pipeline.session.warnings, *camera_warnings)
     of_input += _range_warnings(plan, settings.writing)
     if stages.unfitted:
