@@ -5,6 +5,7 @@ What needs numpy is in :mod:`depthcli.jobs.predict_images`, imported while the m
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -81,7 +82,10 @@ def predict(request: PredictRequest) -> Iterator[PredictResult | FailedInput]:
     loading = request.model.start()
     from depthcli.jobs.predict_images import predict_images  # noqa: PLC0415 - while it loads
 
-    return predict_images(request, plans, loading)
+    to_stdout = destination.kind is Kind.STDOUT
+    stdout = request.stdout or sys.stdout.buffer if to_stdout else None
+    streams = {"stdin": request.stdin, "stdout": stdout}
+    return predict_images(request, plans, loading, overwrite=request.overwrite, **streams)
 
 
 def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:

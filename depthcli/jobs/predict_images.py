@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from depthcli.core.parallel import Background
-from depthcli.core.types import DepthMap
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, ModelError, OutputError, UsageError, is_out_of_memory
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
@@ -17,11 +18,11 @@ from depthcli.io.formats.table import Format, writer_class
 from depthcli.io.storage.atomic import Guard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.image import FailedInput, ImageJob, ImageTask, Target, failure_reason
-from depthcli.jobs.outputs import Kind, OutputPlan
+from depthcli.jobs.outputs import MapOptions, OutputPlan
 
 if TYPE_CHECKING:
-    from depthcli.core.anchors import AnchorPoints
-    from depthcli.jobs.predict import PredictRequest
+    from typing import BinaryIO
+
 
 
 class PredictResult(NamedTuple):
@@ -36,27 +37,41 @@ class PredictResult(NamedTuple):
 
 
 def predict_images(
-    request: PredictRequest, plans: Sequence[OutputPlan[Format]], loading: Background[Session]
+    options: MapOptions,
+    plans: Sequence[OutputPlan[Format]],
+    loading: Background[Session],
+    *,
+    overwrite: bool,
+    stdin: BinaryIO | None = None,
+    stdout: BinaryIO | None = None,
 ) -> Iterator[PredictResult | FailedInput]:
-    """Process the images and yield their results, in order; raises as ``predict`` states."""
-    anchors = request.anchors
+    """Process the images and yield their results, in order; raises as ``predict`` states.
+
+    ``stdout`` takes the outputs in place of files; ``stdin`` is read where a plan has no source.
+    """
+    anchors = options.anchors
     is_by_image = isinstance(anchors, AnchorFiles) and anchors.is_by_image
     try:
-        points = None if is_by_image else request.known_points()
+        points = None if is_by_image else options.known_points()
     except InputError as error:
         raise UsageError(error.message, option="anchors") from error
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)  # imported while the model loads
     shared = [path_of(anchors.path)] if isinstance(anchors, AnchorFiles) and not is_by_image else []
     inputs = [*shared, *(plan.source for plan in plans if plan.source is not None)]
-    guard = Guard.of(inputs, overwrite=request.overwrite)
+    guard = Guard.of(inputs, overwrite=overwrite)
     for plan in plans:
         try:
-            to_files = request.destination.kind is not Kind.STDOUT
-            guard.check(*plan.outputs.values() if to_files else ())
+            start_s = time.perf_counter()
+            guard.check(*plan.outputs.values() if stdout is None else ())
             if is_by_image:
-                points = request.known_points(plan.source)
-            yield _predict_image(request, plan, loading, points)
+                points = options.known_points(plan.source)
+            frame = _read(options, plan.source, stdin)
+            targets: Mapping[Format, Target] = plan.outputs
+            if stdout is not None:
+                targets = dict.fromkeys(plan.outputs, stdout)
+            image = ImageTask(frame, options.camera, points, targets)
+            yield _predict_image(plan, image, options, loading.result(), start_s)
         except (InputError, OutputError) as error:
             yield FailedInput(plan.name, error)
         except ModelError as error:
@@ -71,25 +86,27 @@ def predict_images(
     loading.result()  # raises if the model cannot be loaded, even if no image was read
 
 
-def _predict_image(
-    request: PredictRequest,
-    plan: OutputPlan[Format],
-    loading: Background[Session],
-    points: AnchorPoints | None,
-) -> PredictResult:
-    start = time.perf_counter()
+def _read(options: MapOptions, path: Path | None, stdin: BinaryIO | None) -> Frame:
     try:
-        data = None if plan.source else (request.stdin or sys.stdin.buffer).read()
-        frame = request.read(plan.source, data)
+        data = None if path else (stdin or sys.stdin.buffer).read()
+        return options.read(path, data)
     except OSError as error:
         raise InputError(f"cannot read standard input: {error.strerror}") from error
-    session = loading.result()
-    targets: dict[Format, Target] = {**plan.outputs}
-    if request.destination.kind is Kind.STDOUT:
-        targets = dict.fromkeys(targets, request.stdout or sys.stdout.buffer)
-    job = ImageJob(Pipeline(session, request.detail), request.writing)
-    done = job.run(ImageTask(frame, request.camera, points, targets))
-    warnings = tuple(dict.fromkeys((*session.warnings, *done.warnings)))
-    outputs = tuple(map(str, plan.outputs.values()))
-    seconds = time.perf_counter() - start
-    return PredictResult(plan.name, outputs, done.depth, session.provider, seconds, warnings)
+
+
+def _predict_image(
+    plan: OutputPlan[Format],
+    image: ImageTask,
+    options: MapOptions,
+    session: Session,
+    start_s: float,
+) -> PredictResult:
+    done = ImageJob(Pipeline(session, options.detail), options.writing).run(image)
+    return PredictResult(
+        plan.name,
+        tuple(map(str, plan.outputs.values())),
+        done.depth,
+        session.provider,
+        time.perf_counter() - start_s,
+        tuple(dict.fromkeys((*session.warnings, *done.warnings))),
+    )
