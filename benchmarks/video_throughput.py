@@ -20,10 +20,12 @@ from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.storage.atomic import Guard
+from depthcli.jobs.image import ImageJob
+from depthcli.jobs.video.frames import FrameClock, FrameFilter, FramePredictor
 from depthcli.jobs.video.known_depth import FrameAnchors
 from depthcli.jobs.video.plan import VideoRequest, plan_video, video_destination
 from depthcli.jobs.video.resume import FrameJournal
-from depthcli.jobs.video.stages import FrameStages, open_output
+from depthcli.jobs.video.stages import open_output
 from depthcli.video.formats import VideoFormat
 from depthcli.video.source import VideoSource
 
@@ -35,19 +37,21 @@ def measure_stages(video: Path, folder: Path, frames: int) -> dict[str, float]:
     cv2.setNumThreads(1)
     pipeline = Pipeline(SessionLoader(threads=1).load(), UpsamplingOptions())
     plan = plan_video(VideoRequest(str(video), video_destination(f"{folder}/", FORMATS)))
-    work = FrameStages(plan, pipeline, FrameJournal(), FrameAnchors(plan.settings))
-    stages = tools.Stages()
+    known, stages = FrameAnchors(plan.settings), tools.Stages()
     with VideoSource(video) as source, ExitStack() as stack:
         outputs = {
             format_: stack.enter_context(open_output(format_, plan, source, Guard.of([video])))
             for format_ in FORMATS
         }
-        decoded = source.frames()
+        work = FramePredictor(
+            ImageJob(pipeline), plan.settings, known, FrameJournal(), FrameClock(source.rate), None
+        )
+        smoothing, decoded = FrameFilter(plan.settings, work.kind), source.frames()
         work.predict(next(decoded))
         for _ in range(frames):
             frame = stages("decode", next, decoded)
             predicted = stages("predict", work.predict, frame)
-            smoothed = stages("over time", next, work.smooth([predicted]))
+            smoothed = stages("over time", next, smoothing.smooth([predicted]))
             for format_, output in outputs.items():
                 part = stages(f"prepare {format_}", output.encode, smoothed)
                 stages(f"encode {format_}", output.append, part)

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from typing import BinaryIO
 
 
-
 class PredictResult(NamedTuple):
     """The result of an input whose outputs are all written."""
 

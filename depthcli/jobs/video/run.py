@@ -33,7 +33,7 @@ def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoResul
     loading = replace(request.model, threads=threads).start()
     # Imported here, while the model loads.
     from depthcli.inference.pipeline import Pipeline  # noqa: PLC0415
-    from depthcli.jobs.video.stages import write_video  # noqa: PLC0415
+    from depthcli.jobs.video.stages import open_source, write_video  # noqa: PLC0415
 
     pipeline = Pipeline(loading.result(), request.settings.detail)
     with ExitStack() as stack:
@@ -43,4 +43,5 @@ def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoResul
             with copy.open("rb") as file:
                 sha256 = hashlib.file_digest(file, "sha256").hexdigest()
             plan = replace(plan, source=copy, sha256=sha256)
-        return write_video(plan, pipeline, workers, progress)
+        source = stack.enter_context(open_source(plan))
+        return write_video(plan, source, pipeline, workers, progress)
