@@ -209,7 +209,7 @@ def video(
         raise UsageError("mkv is in millimetres", "leave out mkv, or write png16 in metres")
     page = None
     if preview.show is not None:
-        from depthcli.video.page import PreviewPage
+        from depthcli.jobs.video.page import PreviewPage
 
         page = PreviewPage(preview.show, settings.writing)
         if not screen.quiet:

@@ -24,8 +24,8 @@ from depthcli.video.frames import WHOLE, Span, rate_text, time_code_text
 
 if TYPE_CHECKING:
     from depthcli.core.types import DepthMap, Frame
+    from depthcli.jobs.video.page import PreviewPage
     from depthcli.video.live_source import LiveCounts
-    from depthcli.video.page import PreviewPage
 
 _ON_GRID = 1e-6
 _LIVE = "live"

@@ -1,12 +1,19 @@
 """A page on this machine that shows the newest preview while a video is processed."""
 
+import socket
 import threading
 import time
-from contextlib import suppress
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from collections.abc import Iterator
 from typing import Self, cast
 
 import cv2
+import uvicorn
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, Response, StreamingResponse
+from starlette.routing import Route
 
 from depthcli.errors import UsageError, os_errors_as
 from depthcli.io.formats.preview import PreviewWriter
@@ -15,8 +22,7 @@ from depthcli.video.outputs import DepthFrame, VideoOutput
 
 _HOSTS = ("127.0.0.1", "localhost")  # a web page that wants to read it comes by another name
 _INTERVAL_S = 0.1
-_TYPES = {"/": "text/html", "/stream": "multipart/x-mixed-replace; boundary=frame"}
-_PAGE = b"""<!doctype html><title>depthcli</title>
+_PAGE = """<!doctype html><title>depthcli</title>
 <style>body{margin:0;background:#111}
 img{display:block;width:100%;height:100vh;object-fit:contain}</style>
 <img src="/stream" alt="newest preview">"""
@@ -35,11 +41,17 @@ class PreviewPage(VideoOutput):
         self._changed = threading.Condition()
         self._newest: DepthFrame | None = None
         self._count, self._is_over = 0, False
-        handler = type("Handler", (_Handler,), {"page": self})
         problem = f"cannot listen at {_HOSTS[0]}:{port}"
         with os_errors_as(UsageError, problem, "choose another port", option="show"):
-            self._server = ThreadingHTTPServer((_HOSTS[0], port), handler)
-        threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True).start()
+            listening = socket.create_server((_HOSTS[0], port))
+        app = Starlette(
+            routes=[Route("/", self._page), Route("/stream", self._stream)],
+            middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=_HOSTS)],
+        )
+        config = uvicorn.Config(app, log_config=None, lifespan="off", timeout_graceful_shutdown=1)
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._server.run, args=([listening],), daemon=True)
+        self._thread.start()
 
     def __enter__(self) -> Self:
         self.callback(self._end)
@@ -49,8 +61,8 @@ class PreviewPage(VideoOutput):
         with self._changed:
             self._is_over = True
             self._changed.notify_all()
-        self._server.shutdown()
-        self._server.server_close()
+        self._server.should_exit = True
+        self._thread.join()
 
     def encode(self, frame: DepthFrame) -> DepthFrame:
         """The frame itself, which is drawn when someone looks."""
@@ -62,39 +74,29 @@ class PreviewPage(VideoOutput):
             self._newest, self._count = encoded, self._count + 1
             self._changed.notify_all()
 
-    def jpeg_after(self, count: int) -> tuple[int, bytes] | None:
+    async def _page(self, _: Request) -> Response:
+        return HTMLResponse(_PAGE)
+
+    async def _stream(self, _: Request) -> Response:
+        return StreamingResponse(
+            self._parts(), media_type="multipart/x-mixed-replace; boundary=frame"
+        )
+
+    def _frame_after(self, count: int) -> tuple[int, DepthFrame] | None:
         """Wait for a frame after the one with this number; None if the video ends before."""
         with self._changed:
             self._changed.wait_for(lambda: self._count > count or self._is_over)
             frame, number = self._newest, self._count
-        if frame is None or number == count:
-            return None
-        pixels = self._writer.render(frame.depth, frame.image, frame.spread)
-        return number, cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))[1].tobytes()
+        return None if frame is None or number == count else (number, frame)
 
-
-class _Handler(BaseHTTPRequestHandler):
-    page: PreviewPage
-    timeout = 10  # seconds in which a client has to read
-
-    def log_message(self, *_: object) -> None:
-        pass
-
-    def do_GET(self) -> None:
-        if self.headers.get("Host", "").partition(":")[0] not in _HOSTS or self.path not in _TYPES:
-            self.send_error(404)
-            return
-        self.send_response(200)
-        self.send_header("Content-Type", _TYPES[self.path])
-        self.end_headers()
-        if self.path == "/":
-            self.wfile.write(_PAGE)
-            return
+    def _parts(self) -> Iterator[bytes]:
+        """The newest preview as JPEG, and each that follows, until the video ends."""
         count, boundary = 0, b"--frame\r\n"  # which tells browsers that the part before is whole
-        with suppress(OSError):  # nobody looks any more
-            self.wfile.write(boundary)
-            while found := self.page.jpeg_after(count):
-                count, jpeg = found
-                head = f"Content-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
-                self.wfile.write(head.encode() + jpeg + b"\r\n" + boundary)
-                time.sleep(_INTERVAL_S)
+        yield boundary
+        while newest := self._frame_after(count):
+            count, frame = newest
+            pixels = self._writer.render(frame.depth, frame.image, frame.spread)
+            jpeg = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR))[1].tobytes()
+            head = f"Content-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+            yield head.encode() + jpeg + b"\r\n" + boundary
+            time.sleep(_INTERVAL_S)
