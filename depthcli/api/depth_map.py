@@ -307,10 +307,12 @@ class DepthMap(types.DepthMap):
             "eye_distance_m": eye_distance_m,
             "convergence_m": convergence_m,
         }
-        given = {option: value for option, value in options.items() if value is not None}
-        if others := given.keys() - name.facts.fields(is_normalized=png_normalize or png_inverse):
+        chosen_options = {option: value for option, value in options.items() if value is not None}
+        if others := chosen_options.keys() - name.facts.fields(
+            is_normalized=png_normalize or png_inverse
+        ):
             raise UsageError(f"{min(others)} is not for {name.facts.suffix}")
-        writer = writer_class(name)(**given)
+        writer = writer_class(name)(**chosen_options)
         inputs = () if self.frame is None or self.frame.path is None else (self.frame.path,)
         guard = Guard.of(inputs, overwrite=overwrite)
         with atomic_path(file, guard=guard) as temporary:
@@ -333,8 +335,8 @@ def _points(anchors: Anchors) -> AnchorPoints:
         try:
             table = np.array([(x, y, depth_m) for x, y, depth_m in anchors], float).reshape(-1, 3)
         except (TypeError, ValueError) as error:
-            told = f"anchors are (column, row, metres), not {short_repr(anchors)}"
-            raise UsageError(told) from error
+            problem = f"anchors are (column, row, metres), not {short_repr(anchors)}"
+            raise UsageError(problem) from error
         return AnchorPoints.of_table(table)
     if anchors.ndim == _TABLE_RANK and anchors.shape[1] == _COLUMNS and anchors.dtype.kind in "fiu":
         return AnchorPoints.of_table(anchors)

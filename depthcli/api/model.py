@@ -201,9 +201,11 @@ class DepthModel:
         _check_several(pictures, batch_size, workers)
         if not (anchors is None or anchors_each is None):
             raise UsageError("give anchors of all images, or of each, not both")
-        known: Iterable[AnchorPoints | None] = itertools.repeat(points)
+        points_each: Iterable[AnchorPoints | None] = itertools.repeat(points)
         if anchors_each is not None:
-            known = (None if a is None else anchor_points(a, anchors_fit) for a in anchors_each)
+            points_each = (
+                None if a is None else anchor_points(a, anchors_fit) for a in anchors_each
+            )
 
         def predicted(batch: list[_Reader]) -> list[_Displayed | Exception]:
             frames, problem = list[Frame](), list[_Displayed | Exception]()
@@ -226,7 +228,7 @@ class DepthModel:
                 *problem,
             ]
 
-        readers = _readers(zip(pictures, known, strict=anchors_each is not None), white_level)
+        readers = _readers(zip(pictures, points_each, strict=anchors_each is not None), white_level)
         batches = iter(lambda: list(itertools.islice(readers, batch_size)), [])
         return _maps(ordered_map(predicted, batches, workers=workers))
 

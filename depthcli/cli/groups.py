@@ -30,7 +30,7 @@ class Given(dict[str, str]):
     @classmethod
     def of(cls, context: typer.Context, values: Mapping[str, Any] | None = None) -> Given:
         """The options that the command of a context was given; ``values`` tell off from on."""
-        found = cls()
+        words_of = cls()
         for parameter in context.command.params:
             name, words = str(parameter.name), parameter.opts
             source = context.get_parameter_source(name)
@@ -38,8 +38,8 @@ class Given(dict[str, str]):
                 continue
             if parameter.secondary_opts and values and values.get(name) is False:
                 words = parameter.secondary_opts
-            found[name] = max(words, key=len)
-        return found
+            words_of[name] = max(words, key=len)
+        return words_of
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
@@ -66,12 +66,14 @@ class Command(TyperCommand):
                     formatter.write_dl(records, col_max=_COLUMNS[1], col_spacing=_COLUMNS[0])
 
 
-def command_of(made: Callable[..., int] | Mapping[str, Callable[..., int]], text: str = "") -> Any:  # noqa: ANN401 - typer's own
+def command_of(
+    functions: Callable[..., int] | Mapping[str, Callable[..., int]], text: str = ""
+) -> Any:  # noqa: ANN401 - typer's own
     """The command of a function, whose parameters may be groups, or that of several by name.
 
     Without a name, that of "" is called, if there is one.
     """
-    usual = made.get("") if isinstance(made, Mapping) else None
+    usual = functions.get("") if isinstance(functions, Mapping) else None
     app = typer.Typer(
         rich_markup_mode=None, add_completion=False, help=text, no_args_is_help=usual is None
     )
@@ -80,12 +82,12 @@ def command_of(made: Callable[..., int] | Mapping[str, Callable[..., int]], text
         if usual is not None and context.invoked_subcommand is None:
             usual()
 
-    if isinstance(made, Mapping):
+    if isinstance(functions, Mapping):
         app.callback(invoke_without_command=usual is not None)(begin)
-        for name in filter(None, made):
-            app.command(name, cls=Command)(grouped(made[name]))
+        for name in filter(None, functions):
+            app.command(name, cls=Command)(grouped(functions[name]))
     else:
-        app.command(cls=Command)(grouped(made))
+        app.command(cls=Command)(grouped(functions))
     return get_command(app)
 
 
@@ -107,9 +109,11 @@ def grouped(command: Callable[..., int]) -> Callable[..., int]:
     @wraps(command)
     def flat(**values: Any) -> int:  # noqa: ANN401 - options of any type
         context = values.pop("context", None)
-        given = {name: Given.of(context, values) for name, kind in hints.items() if kind is Given}
-        made = {name: _made(kind, values) for name, kind in hints.items() if is_dataclass(kind)}
-        return command(**values, **made, **given)
+        explicit = {
+            name: Given.of(context, values) for name, kind in hints.items() if kind is Given
+        }
+        groups = {name: _made(kind, values) for name, kind in hints.items() if is_dataclass(kind)}
+        return command(**values, **groups, **explicit)
 
     flat.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     flat.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}

@@ -37,8 +37,8 @@ focal_length = checked(FOCAL_PX)
 
 def option(text: str, *names: str, default: Any = None, **settings: Any) -> Any:  # noqa: ANN401
     """A field of a group that is an option: its help, and what ``typer.Option`` takes."""
-    made = typer.Option(*names, help=text, **settings)
-    return field(default=default, metadata={OPTION: made})
+    parameter = typer.Option(*names, help=text, **settings)
+    return field(default=default, metadata={OPTION: parameter})
 
 
 usual = partial(option, rich_help_panel=USUAL)  #: one that stands first in the help

@@ -90,40 +90,40 @@ def camera(options: groups.PinholeOptions) -> Intrinsics:
     _refuse_alternatives({field.name: getattr(options, field.name) for field in fields(options)})
     undistort = getattr(options, "undistort", False)  # not of files that hold depth
     if (options.rectified or undistort) and options.calibration is None:
-        told = "{undistort} is" if undistort else "{rectified} is"
-        raise UsageError("", f"{told} for {{calibration}}: give both or neither")
+        problem = "{undistort} is" if undistort else "{rectified} is"
+        raise UsageError("", f"{problem} for {{calibration}}: give both or neither")
     if options.calibration is None:
         centre_px = None
         if options.centre_px is not None:
             x, y = numbers(options.centre_px, "CX,CY", "319.5,239.5", option="centre_px")
             centre_px = x, y
-        found = Intrinsics(options.focal_px, options.hfov, centre_px)
+        intrinsics = Intrinsics(options.focal_px, options.hfov, centre_px)
         name = getattr(options, "camera", None)
         has_table = getattr(options, "cameras", None) is not None
-        return found if name is None else _kept(name, found, has_table=has_table)
+        return intrinsics if name is None else _kept(name, intrinsics, has_table=has_table)
     from depthcli.io.calibration import read_calibration
 
     try:
-        found = read_calibration(options.calibration, rectified=options.rectified)
-        return replace(found, is_undistorted=undistort)
+        intrinsics = read_calibration(options.calibration, rectified=options.rectified)
+        return replace(intrinsics, is_undistorted=undistort)
     except InputError as error:
         raise UsageError(error.message.problem, option="calibration") from error
 
 
-def _kept(name: str, given: Intrinsics, *, has_table: bool) -> Intrinsics:
+def _kept(name: str, explicit: Intrinsics, *, has_table: bool) -> Intrinsics:
     """A calibrated camera, with the focal length or principal point that is given."""
     from depthcli.io.calibration import kept_camera
 
-    kept = kept_camera(name)
-    if kept.is_undistorted and (has_table or given != UNKNOWN_CAMERA):
-        told = f"the images of {name} are rectified by the calibration of its lens"
-        raise UsageError(told, "leave {focal_px}, {hfov}, {centre_px} and {cameras} out")
-    if given.has_focal:
-        return replace(given, scale=kept.scale)
-    if given.centre_px is None:
-        return kept
+    calibrated = kept_camera(name)
+    if calibrated.is_undistorted and (has_table or explicit != UNKNOWN_CAMERA):
+        problem = f"the images of {name} are rectified by the calibration of its lens"
+        raise UsageError(problem, "leave {focal_px}, {hfov}, {centre_px} and {cameras} out")
+    if explicit.has_focal:
+        return replace(explicit, scale=calibrated.scale)
+    if explicit.centre_px is None:
+        return calibrated
     # In pixels of images of any size, unlike the kept focal length.
-    return replace(kept, centre_px=given.centre_px, focal_px=None, size_px=None)
+    return replace(calibrated, centre_px=explicit.centre_px, focal_px=None, size_px=None)
 
 
 def reading(options: groups.ReadOptions, eye: choices.Eye | None = None) -> ReadOptions:
@@ -139,8 +139,8 @@ def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> Depth
     kind, baseline_m, layer = options.from_kind, options.baseline, options.from_layer
     if baseline_m is not None and kind is not choices.DepthEncoding.DISPARITY:
         raise UsageError("", "{baseline} is for {from_kind} disparity")
-    found = DepthReadOptions(options.from_scale, kind, layer=layer, frame=options.frame)
-    return replace(found, camera=camera, baseline_m=baseline_m)
+    read_options = DepthReadOptions(options.from_scale, kind, layer=layer, frame=options.frame)
+    return replace(read_options, camera=camera, baseline_m=baseline_m)
 
 
 def anchors(
@@ -178,21 +178,21 @@ def anchors(
     if path == SELF and is_folder is None:
         raise UsageError("the frames of a video have no depth of their own", option="anchors")
     if camera.is_undistorted and files.is_by_image:
-        told = "its points are of the images with their distortion"
-        raise UsageError(told, "leave {undistort} or {camera} out", option="anchors")
+        problem = "its points are of the images with their distortion"
+        raise UsageError(problem, "leave {undistort} or {camera} out", option="anchors")
     is_local = not isinstance(place, RemotePath) and not files.is_by_image
     if is_local and is_folder is not None and place.is_dir() != is_folder:
-        told = "not a folder with a file for each image" if is_folder else "a folder, not a file"
+        problem = "not a folder with a file for each image" if is_folder else "a folder, not a file"
         advice = "" if is_folder else "'depthcli batch' takes a folder with a file for each image"
-        raise UsageError(f"{safe_name(path)} is {told}", advice, option="anchors")
+        raise UsageError(f"{safe_name(path)} is {problem}", advice, option="anchors")
     if options.baseline is not None and options.anchors_kind is not choices.DepthEncoding.DISPARITY:
         raise UsageError("", "{baseline} is for {anchors_kind} disparity")
     return files
 
 
 def map_options(
-    seen: groups.CameraOptions,
-    known: groups.AnchorOptions,
+    camera_options: groups.CameraOptions,
+    known_depth: groups.AnchorOptions,
     read: groups.ImageOptions,
     upsampling: groups.MapOptions,
     writing: groups.WritingOptions,
@@ -201,12 +201,12 @@ def map_options(
     eye: choices.Eye | None = None,
 ) -> dict[str, Any]:
     """Values of the fields of :class:`~depthcli.jobs.outputs.MapOptions`."""
-    seen_by = camera(seen)
+    seen_by = camera(camera_options)
     return {
         "writing": writer_options(writing),
         "camera": seen_by,
-        "anchors": anchors(known, seen_by, is_folder=is_folder),
-        "anchors_fit": known.anchors_fit,
+        "anchors": anchors(known_depth, seen_by, is_folder=is_folder),
+        "anchors_fit": known_depth.anchors_fit,
         "reading": reading(read, eye),
         "detail": detail(upsampling),
         "max_pixels": read.max_pixels,
@@ -215,9 +215,9 @@ def map_options(
 
 def _refuse_alternatives(values: Mapping[str, object]) -> None:
     for names in ALTERNATIVES:
-        given = [name for name in names if values.get(name) not in (None, False, [])]
-        if len(given) > 1:
-            raise UsageError("", f"give {{{given[0]}}} or {{{given[1]}}}, not both")
+        chosen = [name for name in names if values.get(name) not in (None, False, [])]
+        if len(chosen) > 1:
+            raise UsageError("", f"give {{{chosen[0]}}} or {{{chosen[1]}}}, not both")
 
 
 def _are_finite(*values: float) -> bool:
@@ -237,13 +237,13 @@ def numbers(
 ) -> list[float]:
     """The numbers of a form such as ``X,Y``; UsageError if it is not so, or out of range."""
     try:
-        found = [float(part) for part in word.split(",")]
+        values = [float(part) for part in word.split(",")]
     except ValueError:
-        found = []
-    if len(found) != form.count(",") + 1 or not holds(*found):
+        values = []
+    if len(values) != form.count(",") + 1 or not holds(*values):
         problem = f"{short_repr(word)} is not {form}"
         raise UsageError(problem, f"give, for example, {example}", option=option)
-    return found
+    return values
 
 
 def area(word: str) -> tuple[int, ...] | str:
@@ -286,11 +286,11 @@ def fps(word: str, option: str = "fps") -> Fraction:
     """Parse a frame rate: ``24``, ``23.976`` or ``24000/1001``; UsageError if it is no such."""
     from depthcli.video.frames import parse_rate
 
-    found = parse_rate(word.strip())
-    if found is None:
+    rate = parse_rate(word.strip())
+    if rate is None:
         problem = f"{short_repr(word)} is not a frame rate such as 24, 23.976 or 24000/1001"
         raise UsageError(problem, option=option)
-    return found
+    return rate
 
 
 def listed(words: Sequence[str] | None) -> tuple[str, ...]:
@@ -306,7 +306,7 @@ OUTPUT_OPTIONS = {str(name): facts.options for name, facts in FORMATS.items()}
 
 
 def unused_by_outputs(
-    given: Mapping[str, str],
+    explicit: Mapping[str, str],
     formats: Iterable[str],
     writing: WriterOptions,
     used_by: Mapping[str, Collection[str]] = OUTPUT_OPTIONS,
@@ -319,7 +319,7 @@ def unused_by_outputs(
     if writing.is_normalized and kinds & {name for name in FORMATS if FORMATS[name].range_options}:
         kinds.add(_NORMALIZED)
     warnings, used = [], {**used_by, **_RANGE_OPTIONS}
-    for name, word in given.items():
+    for name, word in explicit.items():
         users = [kind for kind, options in used.items() if name in options]
         if users and kinds.isdisjoint(users):
             warnings.append(f"{word} has no effect: it is for {', '.join(users)}")

@@ -29,8 +29,8 @@ _shutdowns: list[tuple[float, Callable[[], object]]] = []
 
 def ending_signals() -> tuple[signal.Signals, ...]:
     """The signals that end this process; not those that are ignored, as under nohup."""
-    known = (getattr(signal, name) for name in _NAMES if hasattr(signal, name))
-    return tuple(number for number in known if signal.getsignal(number) is not signal.SIG_IGN)
+    numbers = (getattr(signal, name) for name in _NAMES if hasattr(signal, name))
+    return tuple(number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN)
 
 
 def end_on_signals() -> None:

@@ -31,14 +31,14 @@ def profile_files() -> tuple[Path, ...]:
 def read_profiles(path: Path) -> dict[str, dict[str, Any]]:
     """The profiles of a file by name; none if there is no such file."""
     try:
-        found = tomllib.loads(read_regular(path, _MAX_BYTES).decode())
+        tables = tomllib.loads(read_regular(path, _MAX_BYTES).decode())
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:
         raise UsageError(f"{path} is not TOML: {error}") from error
-    if not all(isinstance(table, dict) for table in found.values()):
+    if not all(isinstance(table, dict) for table in tables.values()):
         raise UsageError(f"{path} has options outside of a table", "begin it with [NAME]")
-    return found
+    return tables
 
 
 def profile_names() -> tuple[str, ...]:
@@ -53,19 +53,19 @@ def apply(context: Any, name: str) -> None:  # noqa: ANN401 - typer's own
     if values is None:
         there = ", ".join(profile_names()) or f"none in {' and '.join(map(str, profile_files()))}"
         raise UsageError(f"no profile named {name!r}; there are: {there}")
-    own, defaults = _options_of(context.command), {}
+    parameters, defaults = _options_of(context.command), {}
     for key, value in values.items():
-        if key in own:
-            listed = value if isinstance(value, list) or not own[key].multiple else [value]
-            if own[key].name == "formats":  # without those of other commands
-                of_any, of_own = {*Format, *VideoFormat}, own[key].type.choices
+        if key in parameters:
+            listed = value if isinstance(value, list) or not parameters[key].multiple else [value]
+            if parameters[key].name == "formats":  # without those of other commands
+                of_any, of_own = {*Format, *VideoFormat}, parameters[key].type.choices
                 listed = [word for word in listed if word in of_own or word not in of_any] or None
-            defaults[str(own[key].name)] = listed
+            defaults[str(parameters[key].name)] = listed
             continue
-        known = {key for name in PROFILE_COMMANDS for key in _options_of(plain_command(name))}
-        if key not in known:
-            meant = suggestion(key, known, f"{PROGRAM} {context.info_name}")
-            raise UsageError(f"profile {name!r}: no option named {key!r}{meant}")
+        names = {key for name in PROFILE_COMMANDS for key in _options_of(plain_command(name))}
+        if key not in names:
+            hint = suggestion(key, names, f"{PROGRAM} {context.info_name}")
+            raise UsageError(f"profile {name!r}: no option named {key!r}{hint}")
     context.default_map = _Defaults(context, defaults)
 
 
@@ -81,12 +81,12 @@ class _Defaults(dict[str, Any]):
 
     def get(self, name: str, default: Any = None) -> Any:  # noqa: ANN401 - as dict has it
         """The default of a parameter that is not on the command line."""
-        given = Given.of(self._context)
+        explicit = Given.of(self._context)
         others = {other for names in _EXCLUDING if name in names for other in names} - {name}
-        if name == "formats" and "out" in given:  # whose name may select the format
+        if name == "formats" and "out" in explicit:  # whose name may select the format
             out = str(self._context.params.get("out"))
             others |= {"out"} if format_of(out) or video_format_of(out) else set()
-        return super().get(name, default) if others.isdisjoint(given) else default
+        return super().get(name, default) if others.isdisjoint(explicit) else default
 
 
 _EXCLUDING = (

@@ -43,8 +43,8 @@ class LazyGroup(TyperGroup):
             return load_command(cmd_name)
         if ctx.resilient_parsing:
             return None
-        meant = table.suggestion(cmd_name, table.COMMANDS, table.PROGRAM)
-        raise UsageError(f"no command named {cmd_name!r}{meant}")
+        hint = table.suggestion(cmd_name, table.COMMANDS, table.PROGRAM)
+        raise UsageError(f"no command named {cmd_name!r}{hint}")
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002
         """The text of ``depthcli --help``."""
@@ -59,8 +59,8 @@ app = typer.Typer(
 )
 
 
-def _show_version(asked: bool) -> None:
-    if asked:
+def _show_version(is_requested: bool) -> None:
+    if is_requested:
         console.out(f"{table.PROGRAM} {__version__}")
         raise typer.Exit
 
@@ -126,9 +126,9 @@ def _usage_text(error: Any) -> str:  # noqa: ANN401 - typer's own types
     path = context.command_path if context else table.PROGRAM
     message = error.format_message().strip().rstrip(".")
     if context and getattr(error, "option_name", None) in _DEVICE_NAMES:
-        known = {word for parameter in context.command.params for word in parameter.opts}
-        meant = [f"; give {name}" for name in ("--provider", "--accelerator") if name in known]
-        message = "".join([f"no such option: {error.option_name}", *meant[:1]])
+        names = {word for parameter in context.command.params for word in parameter.opts}
+        hints = [f"; give {name}" for name in ("--provider", "--accelerator") if name in names]
+        message = "".join([f"no such option: {error.option_name}", *hints[:1]])
     return f"{message[0].lower()}{message[1:]}; see '{path} --help'"
 
 

@@ -65,9 +65,9 @@ def plain_command(name: str) -> "Any":  # noqa: ANN401 - typer's own types
     return command
 
 
-def suggestion(word: str, known: "Iterable[str]", help_of: str) -> str:
+def suggestion(word: str, names: "Iterable[str]", help_of: str) -> str:
     """End of a message about an unknown name: a similar name, or which help to read."""
     from difflib import get_close_matches
 
-    close = get_close_matches(word, known, n=1)
+    close = get_close_matches(word, names, n=1)
     return f"; did you mean {close[0]!r}?" if close else f"; see '{help_of} --help'"

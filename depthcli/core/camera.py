@@ -146,20 +146,24 @@ class Intrinsics:
         own_width, own_height = self.size_px
         # One side may be rounded to whole pixels.
         if abs(width * own_height - height * own_width) >= max(own_width, own_height):
-            own = f"{own_width}×{own_height}"
-            told = f"the calibration is for {own} pixels, another aspect than {width}×{height}"
-            raise InputError(told, "give its own focal length and principal point")
+            own_size = f"{own_width}×{own_height}"
+            problem = (
+                f"the calibration is for {own_size} pixels, another aspect than {width}×{height}"
+            )
+            raise InputError(problem, "give its own focal length and principal point")
         scale = width / own_width
         x, y = ((centre + 0.5) * scale - 0.5 for centre in self.centre_px)
         return x, y
 
-    def of_image(self, own: "Intrinsics | None") -> "Intrinsics":
+    def of_image(self, camera: "Intrinsics | None") -> "Intrinsics":
         """The camera of one image, of which another may be known, that has no principal point."""
-        if own is None:
+        if camera is None:
             return self
-        if own.centre_px is None:
-            own = replace(own, centre_px=self.centre_px, size_px=self.size_px)
-        return replace(own, pixel_aspect=own.pixel_aspect or self.pixel_aspect, scale=self.scale)
+        if camera.centre_px is None:
+            camera = replace(camera, centre_px=self.centre_px, size_px=self.size_px)
+        return replace(
+            camera, pixel_aspect=camera.pixel_aspect or self.pixel_aspect, scale=self.scale
+        )
 
 
 UNKNOWN_CAMERA = Intrinsics()  #: nothing is known but what the image's file states

@@ -121,7 +121,7 @@ def _antialiased_rows(
     wide = max(step, 1.0)
     reach = (2 if cubic else 1) * wide
     flat = np.ascontiguousarray(values).reshape(rows, -1)
-    made = np.empty((size, flat.shape[1]), np.float32)
+    result = np.empty((size, flat.shape[1]), np.float32)
     for start in range(0, size, _ANTIALIAS_ROWS):
         centres = (np.arange(start, min(start + _ANTIALIAS_ROWS, size)) + 0.5) * step
         first = max(0, int(centres[0] - reach))
@@ -134,8 +134,8 @@ def _antialiased_rows(
             band = _eight_bits(weights @ np.rint(flat[first:last] * 255.0) / 255)
         else:
             band = weights.astype(np.float32) @ flat[first:last]
-        made[start : start + len(centres)] = band
-    return made.reshape(size, *values.shape[1:])
+        result[start : start + len(centres)] = band
+    return result.reshape(size, *values.shape[1:])
 
 
 def _kernel(distance: Float64Array, *, cubic: bool) -> Float64Array:
@@ -274,8 +274,8 @@ def sample_bilinear(values: Float32Array, row: Float64Array, column: Float64Arra
     """Values of a map (h, w) float32 at rows and columns from 0 to 1, (N,) each, N < 32,767."""
     height, width = values.shape
     x, y = (column * width - 0.5).astype(np.float32), (row * height - 0.5).astype(np.float32)
-    found: Any = cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found.ravel(), np.float64)
+    samples: Any = cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(samples.ravel(), np.float64)
 
 
 class GuidedMap(NamedTuple):

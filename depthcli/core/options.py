@@ -113,8 +113,8 @@ Detail = UpsamplingOptions  # its name until 0.17
 def check_pixel_count(name: str, width: int, height: int, max_pixels: int = MAX_PIXELS) -> None:
     """Refuse an image by the size that its header claims, before any of it is decoded."""
     if width * height > max_pixels:
-        told = f"{name} claims {width}×{height} pixels, more than {max_pixels:,}"
-        raise InputError(told, "raise {max_pixels} if you trust the file")
+        problem = f"{name} claims {width}×{height} pixels, more than {max_pixels:,}"
+        raise InputError(problem, "raise {max_pixels} if you trust the file")
 
 
 WHITE_LEVEL = Rule("a whole number from 1 to 65535", lambda level: 1 <= level <= 0xFFFF)  # noqa: PLR2004

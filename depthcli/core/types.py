@@ -41,8 +41,8 @@ def check_pixels(pixels: AnyArray) -> None:
         low, high = float(pixels.min()), float(pixels.max())
         is_finite = math.isfinite(low) and math.isfinite(high)
         if not is_finite or is_out_of_range(pixels, low, high):
-            told = f"float pixels have to be finite and in [0, 1], not {low:g} to {high:g}"
-            raise InputError(told, "scale them, and replace the others with np.nan_to_num")
+            problem = f"float pixels have to be finite and in [0, 1], not {low:g} to {high:g}"
+            raise InputError(problem, "scale them, and replace the others with np.nan_to_num")
 
 
 def is_out_of_range(pixels: Float32Array, low: float, high: float) -> bool:
@@ -103,15 +103,15 @@ class Window(NamedTuple):
         return slice(top, top + self.height), slice(left, left + self.width)
 
 
-def over_window(values: Float32Array, covered: Window, wanted: Window) -> Float32Array:
+def over_window(values: Float32Array, covered: Window, window: Window) -> Float32Array:
     """Values of one window as those of another, with NaN outside the first; (H, W) float32."""
-    if covered == wanted:
+    if covered == window:
         return values
-    found = np.full((wanted.height, wanted.width), np.nan, np.float32)
-    both = covered.intersection(wanted)
+    result = np.full((window.height, window.width), np.nan, np.float32)
+    both = covered.intersection(window)
     if not both.is_empty:
-        found[both.within(wanted)] = values[both.within(covered)]
-    return found
+        result[both.within(window)] = values[both.within(covered)]
+    return result
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,11 +140,11 @@ class Windows:
 PIXEL_ASPECTS = 1e-3, 1e3  #: least and largest width of a pixel by its height
 
 
-def pixel_aspect_of(stated: Fraction | None, *, is_turned: bool) -> float:
+def pixel_aspect_of(ratio: Fraction | None, *, is_turned: bool) -> float:
     """Width by height of an upright pixel, of that as stored; 1 if none is, or out of range."""
-    if not stated or not PIXEL_ASPECTS[0] <= stated <= PIXEL_ASPECTS[1]:
+    if not ratio or not PIXEL_ASPECTS[0] <= ratio <= PIXEL_ASPECTS[1]:
         return 1.0
-    return float(1 / stated if is_turned else stated)
+    return float(1 / ratio if is_turned else ratio)
 
 
 class DepthKind(StrEnum):
@@ -310,9 +310,9 @@ class DepthMap:
         return np.array(self.values, dtype, copy=copy)
 
     def __repr__(self) -> str:
-        known = self.values[self.valid]
+        values = self.values[self.valid]
         unit = " m" if self.is_metric else ""
-        spread = f"{known.min():.3g} to {known.max():.3g}{unit}" if known.size else "no depth"
+        spread = f"{values.min():.3g} to {values.max():.3g}{unit}" if values.size else "no depth"
         model = f", {self.provenance.model}" if self.provenance.model else ""
         return f"<{type(self).__name__} {self.width}×{self.height}, {self.kind}, {spread}{model}>"
 
@@ -367,14 +367,14 @@ class DepthRange(NamedTuple):
     @classmethod
     def of(cls, depth: DepthMap) -> Self:
         """The range of a depth map where it has depth."""
-        known = depth.values[depth.valid]
-        if not known.size:
+        values = depth.values[depth.valid]
+        if not values.size:
             return cls(None, None, None)
         # As np.median, which would import numpy.ma and take as long as writing a PNG.
-        middle = (known.size - 1) // 2, known.size // 2
-        low, high = np.partition(known, middle)[[*middle]]
+        middle = (values.size - 1) // 2, values.size // 2
+        low, high = np.partition(values, middle)[[*middle]]
         median = float(low / 2 + high / 2)  # a sum could overflow
-        return cls(float(known.min()), median, float(known.max()))
+        return cls(float(values.min()), median, float(values.max()))
 
 
 PLAUSIBLE_M = 0.05, 100.0  #: medians of numbers that are taken for metres without a word
@@ -388,17 +388,17 @@ def doubt_of_metres(median_m: float) -> str:
 
 def with_camera(depth: DepthMap, camera: Intrinsics) -> DepthMap:
     """Depth that states a given camera; what of it is not given stays as it is."""
-    given: dict[str, Any] = {
+    changes: dict[str, Any] = {
         "focal_px": camera.focal_for(depth.width),
         "centre_px": camera.centre_for(depth.width, depth.height),
         "pixel_aspect": camera.pixel_aspect,
     }
-    given = {name: value for name, value in given.items() if value is not None}
-    if "focal_px" in given:
-        given |= {"camera_source": CameraSource.OPTION, "is_cropped": False}
+    changes = {name: value for name, value in changes.items() if value is not None}
+    if "focal_px" in changes:
+        changes |= {"camera_source": CameraSource.OPTION, "is_cropped": False}
     source = depth.provenance
-    found = replace(source, **given)
-    return depth if found == source else replace(depth, provenance=found)
+    provenance = replace(source, **changes)
+    return depth if provenance == source else replace(depth, provenance=provenance)
 
 
 class Transform(StrEnum):

@@ -72,8 +72,8 @@ def validated(kind: type[_T], value: object) -> _T:
 
 def merged(base: _T, changes: object) -> _T:
     """A copy of a dataclass with some fields changed; nested ones and mappings are merged."""
-    given: Any = base
-    return validated(type(base), _overlaid(asdict(given), changes))
+    value: Any = base
+    return validated(type(base), _overlaid(asdict(value), changes))
 
 
 def _overlaid(base: object, changes: object) -> object:
@@ -83,10 +83,10 @@ def _overlaid(base: object, changes: object) -> object:
 
 
 def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    entries = dict(pairs)
+    if len(entries) < len(pairs):
         raise ValueError("a name is there twice")
-    return found
+    return entries
 
 
 _DECODER = json.JSONDecoder(object_pairs_hook=_unique_keys)
@@ -96,9 +96,9 @@ _DECODER = json.JSONDecoder(object_pairs_hook=_unique_keys)
 def _hints(kind: Any) -> tuple[dict[str, Any], frozenset[str]]:  # noqa: ANN401 - a dataclass
     """The annotations of a dataclass's fields, and the names of those without a default."""
     every = typing.get_type_hints(kind, include_extras=True)
-    own = fields(kind)
-    required = {f.name for f in own if (f.default, f.default_factory) == (MISSING, MISSING)}
-    return {field.name: every[field.name] for field in own}, frozenset(required)
+    attributes = fields(kind)
+    required = {f.name for f in attributes if (f.default, f.default_factory) == (MISSING, MISSING)}
+    return {field.name: every[field.name] for field in attributes}, frozenset(required)
 
 
 def _read_fields(
@@ -111,7 +111,7 @@ def _read_fields(
     """Values by name, each as its annotation demands; of a list, the first fault is enough."""
     if not isinstance(values, dict):
         raise FieldError.expected(f"a group of {', '.join(hints)}", values)
-    errors, found, unknown = [], {}, []
+    errors, parsed, unknown = [], {}, []
     for name, value in values.items():
         if name not in hints:
             unknown.append(name)
@@ -120,7 +120,7 @@ def _read_fields(
         try:
             # Most fields are texts, in a million rows of a manifest.
             is_text = hint is str and type(value) is str
-            found[name] = value if is_text else _converted(hint, value)
+            parsed[name] = value if is_text else _converted(hint, value)
         except FieldError as error:
             errors.append(error.within(name))
             if is_list:
@@ -128,13 +128,13 @@ def _read_fields(
     if unknown:
         problem = f"is unknown; choose from {', '.join(hints)}"
         errors.insert(0, FieldError(problem).within(unknown[0]))
-    if len(found) < len(hints):
+    if len(parsed) < len(hints):
         missing = [name for name in hints if name in required and name not in values]
         errors += [FieldError("is missing", name) for name in missing]
     if errors:
         first, *others = errors
         raise FieldError(first.problem, first.path, [*first.others, *others])
-    return found
+    return parsed
 
 
 @cache

@@ -34,15 +34,15 @@ def focal_warnings(card: ModelCard, camera: Intrinsics) -> tuple[str, ...]:
     return (f"{no_camera}: the focal length is used for point clouds, and does not scale depth",)
 
 
-def intrinsics_of(card: ModelCard, frame: Frame, given: Intrinsics) -> Intrinsics:
+def intrinsics_of(card: ModelCard, frame: Frame, camera: Intrinsics) -> Intrinsics:
     """The camera of an image, in its pixels.
 
     Its focal length is the given one, else that of the image's EXIF, else that of the camera that
     the model learned; None if none is known.
     """
-    aspect = frame.pixel_aspect if given.pixel_aspect is None else given.pixel_aspect
+    aspect = frame.pixel_aspect if camera.pixel_aspect is None else camera.pixel_aspect
     width, height = frame.display_size_px
-    focal_px, source = given.focal_for(width), CameraSource.OPTION
+    focal_px, source = camera.focal_for(width), CameraSource.OPTION
     if focal_px is None and frame.focal_35mm is not None:
         square_px = focal_px_of_35mm(frame.focal_35mm, width * aspect, height)
         focal_px, source = square_px / aspect, CameraSource.EXIF
@@ -56,10 +56,10 @@ def intrinsics_of(card: ModelCard, frame: Frame, given: Intrinsics) -> Intrinsic
         source = CameraSource.CARD
     return Intrinsics(
         focal_px,
-        centre_px=given.centre_for(width, height),
+        centre_px=camera.centre_for(width, height),
         pixel_aspect=aspect,
         source=None if focal_px is None else source,
-        scale=given.scale,
+        scale=camera.scale,
     )
 
 

@@ -36,8 +36,8 @@ def panorama_distance(frame: Frame, predict: Callable[[Frame], Float32Array]) ->
     """
     if abs(frame.width - 2 * frame.height) > 2:  # noqa: PLR2004
         size = f"{frame.width}×{frame.height}"
-        told = f"a panorama of all directions is twice as wide as high, not {size}"
-        raise InputError(told, "give {projection} pinhole, or the whole panorama")
+        problem = f"a panorama of all directions is twice as wide as high, not {size}"
+        raise InputError(problem, "give {projection} pinhole, or the whole panorama")
     half = math.tan(math.radians(HFOV_DEG) / 2)
     side = min(_MAX_VIEW_PX, max(8, round(frame.width / math.pi * half)))
     width = min(frame.width, round(side * math.pi / half))
@@ -55,7 +55,7 @@ def panorama_distance(frame: Frame, predict: Callable[[Frame], Float32Array]) ->
         raise InputError("no view of the panorama has depth everywhere")
     samples = [*_samples(panorama_rays(*_GRID_PX), turns, logs)]
     offsets = _offsets(samples, np.array(are_level))
-    found = np.empty((frame.height, frame.width), np.float32)
+    distance = np.empty((frame.height, frame.width), np.float32)
     for rows in row_bands(frame.width, frame.height):
         rays = panorama_rays(frame.width, frame.height, rows)
         total, weight = np.zeros(rays.shape[:2], np.float32), np.zeros(rays.shape[:2], np.float32)
@@ -63,8 +63,8 @@ def panorama_distance(frame: Frame, predict: Callable[[Frame], Float32Array]) ->
             total += (log + np.float32(offset)) * share
             weight += share
         with np.errstate(invalid="ignore", divide="ignore"):
-            found[rows] = np.exp(total / weight)
-    return found
+            distance[rows] = np.exp(total / weight)
+    return distance
 
 
 def _rotation(yaw_deg: float, pitch_deg: float) -> Float64Array:
@@ -88,8 +88,8 @@ def _view(panorama: AnyArray, turn: Float64Array, side: int) -> AnyArray:
     row = (np.arctan2(y, np.hypot(x, z)) / math.pi + 0.5) * height - 0.5
     wrapped = cv2.copyMakeBorder(panorama, 0, 0, 1, 1, cv2.BORDER_WRAP)
     maps = (column + 1).astype(np.float32), row.astype(np.float32)
-    seen = cv2.remap(wrapped, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(seen)
+    view = cv2.remap(wrapped, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(view)
 
 
 def _samples(
@@ -105,15 +105,15 @@ def _samples(
         weight = np.where(z > 0, 1 - across**2 - down**2, 0).clip(0) ** 2
         half = log.shape[0] / 2
         maps = (across + 1) * half - 0.5, (down + 1) * half - 0.5
-        found = cv2.remap(log, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        yield np.asarray(found), weight.astype(np.float32)
+        samples = cv2.remap(log, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        yield np.asarray(samples), weight.astype(np.float32)
 
 
 def _offsets(samples: list[tuple[Float32Array, Float32Array]], is_level: BoolArray) -> Float64Array:
     """Addend of each view's log distance: least squares of the differences in overlaps."""
     count = len(samples)
     matrix = np.diag(np.where(is_level, _PRIOR_WEIGHT, 0.0) + _PRIOR_WEIGHT * 1e-3)
-    wanted = np.zeros(count)
+    target = np.zeros(count)
     for i, (log, weight) in enumerate(samples):
         for j, (other, other_weight) in enumerate(samples[:i]):
             both = weight * other_weight
@@ -121,6 +121,6 @@ def _offsets(samples: list[tuple[Float32Array, Float32Array]], is_level: BoolArr
             difference = float((both * (other - log)).mean(dtype=np.float64))
             matrix[[i, j], [i, j]] += share
             matrix[[i, j], [j, i]] -= share
-            wanted[i] += difference
-            wanted[j] -= difference
-    return np.asarray(np.linalg.solve(matrix, wanted), np.float64)
+            target[i] += difference
+            target[j] -= difference
+    return np.asarray(np.linalg.solve(matrix, target), np.float64)

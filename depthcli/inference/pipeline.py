@@ -104,27 +104,29 @@ class Pipeline:
         is_panorama = any(frame.projection.is_other for frame in frames)
         if is_panorama or (self.session.load_known_depth and any(map(_is_for_network, anchors))):
             return [self._alone(*task) for task in zip(frames, cameras, anchors, strict=True)]
-        own = [lenses.intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)]
+        intrinsics = [
+            lenses.intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)
+        ]
         frames = [
             frame
             if camera.pixel_aspect in {None, frame.pixel_aspect}
             else replace(frame, pixel_aspect=camera.pixel_aspect)
-            for frame, camera in zip(frames, own, strict=True)
+            for frame, camera in zip(frames, intrinsics, strict=True)
         ]
         prepared = [prepare(self.card.input, frame) for frame in frames]
         if self.detail.mask is DepthMask.MODEL and self.card.output.mask is None:
-            told = f"model {self.card.name!r} tells no mask of its own"
-            raise InputError(told, "leave {mask} out, or give another {model}")
+            problem = f"model {self.card.name!r} tells no mask of its own"
+            raise InputError(problem, "leave {mask} out, or give another {model}")
         layouts = [layout for _, layout in prepared]
-        known = [self._known(*one) for one in zip(frames, anchors, strict=True)]
+        known_points = [self._known(*one) for one in zip(frames, anchors, strict=True)]
         prompts = [
             None if points is None else transforms.prompt_input(self.card, points, frame, layout)
-            for frame, layout, points in zip(frames, layouts, known, strict=True)
+            for frame, layout, points in zip(frames, layouts, known_points, strict=True)
         ]
         raws = self._run([single for single, _ in prepared], prompts)
-        found = map(self._model_depth, frames, raws, layouts, own, known)
-        made = zip(found, frames, anchors, strict=True)
-        return [_finished(one, f, points, followed) for (one, followed), f, points in made]
+        estimates = map(self._model_depth, frames, raws, layouts, intrinsics, known_points)
+        parts = zip(estimates, frames, anchors, strict=True)
+        return [_finished(one, f, points, followed) for (one, followed), f, points in parts]
 
     def _alone(self, frame: Frame, camera: Intrinsics, anchors: AnchorPoints | None) -> Prediction:
         """Depth of a panorama, or by the network that takes known depth where there is enough."""
@@ -161,25 +163,25 @@ class Pipeline:
         raw: RawOutputs,
         layout: Layout,
         camera: Intrinsics,
-        known: AnchorPoints | None,
+        points: AnchorPoints | None,
     ) -> tuple[Prediction, BoolArray | None]:
         """Depth at the image's size, as the model and the camera, or known depth, give it.
 
         Of known depth, also which points it follows: (N,).
         """
         spec = self.card.output
-        if known:  # metres are those of the points, whatever the range and the camera
+        if points:  # metres are those of the points, whatever the range and the camera
             camera = replace(camera, scale=None)
             spec = replace(spec, min_m=DEPTH_M_RANGE[0], max_m=DEPTH_M_RANGE[1])
         if spec.points:
             raw = _of_points(spec, raw, camera, frame)
         own_deg = None if raw.hfov_deg is None else float(raw.hfov_deg)
         camera = lenses.with_own_view(camera, own_deg, frame.width)
-        coarse = own = transforms.coarse_depth(spec, raw.maps, layout)
+        coarse = unrefined = transforms.coarse_depth(spec, raw.maps, layout)
         if not np.isfinite(coarse).any():
             where = frame.path or "an image"
-            told = f"{self.session.model.path} gives no depth for {where}, no finite number"
-            raise ModelError(told, "use another model, or export it again")
+            problem = f"{self.session.model.path} gives no depth for {where}, no finite number"
+            raise ModelError(problem, "use another model, or export it again")
         tile_px, radius = tile_width_px(self.card.input, frame, self.detail), 1
         if tile_px is not None:
             from depthcli.inference.tiles import refine  # noqa: PLC0415 - few images need it
@@ -187,12 +189,12 @@ class Pipeline:
             columns = coarse.shape[1]
             coarse = refine(spec, coarse, frame, tile_px, self._coarse)
             radius = math.ceil(coarse.shape[1] / columns)
-        coarse, followed = transforms.follow_points(self.card, coarse, frame, known)
-        if coarse is own and self.detail.upsampling is options.Upsampling.MODEL:
+        coarse, followed = transforms.follow_points(self.card, coarse, frame, points)
+        if coarse is unrefined and self.detail.upsampling is options.Upsampling.MODEL:
             values = transforms.enlarged(spec, raw.maps, layout, frame)
         else:
             values = transforms.full_size(spec, coarse, frame, self.detail.upsampling, radius)
-        scale = 1.0 if known else lenses.metric_scale(self.card, frame, layout, camera)
+        scale = 1.0 if points else lenses.metric_scale(self.card, frame, layout, camera)
         if scale != 1:
             values *= np.float32(scale)
         if camera.scale is not None:
@@ -210,25 +212,25 @@ class Pipeline:
     def _calibrated(self, depth_m: Float32Array, scale: CameraScale) -> Float32Array:
         """Metres corrected as it was measured for a camera; NaN where none are left."""
         if scale.model_sha256 != self.session.model.sha256:
-            told = f"camera {scale.name!r} was calibrated with another model, {scale.model!r}"
-            raise UsageError(told, "calibrate it with this one")
-        found = depth_m * np.float32(scale.scale) + np.float32(scale.shift_m)
-        return np.where(found > 0, found, np.float32(np.nan))
+            problem = f"camera {scale.name!r} was calibrated with another model, {scale.model!r}"
+            raise UsageError(problem, "calibrate it with this one")
+        corrected_m = depth_m * np.float32(scale.scale) + np.float32(scale.shift_m)
+        return np.where(corrected_m > 0, corrected_m, np.float32(np.nan))
 
     def _panorama(self, frame: Frame, camera: Intrinsics) -> Prediction:
         from depthcli.inference.panorama import HFOV_DEG, panorama_distance  # noqa: PLC0415 - rare
 
         if camera.has_focal or camera.centre_px:
-            told = "an equirectangular image has no focal length and no principal point"
-            raise InputError(told, "leave them out, or give {projection} pinhole")
+            problem = "an equirectangular image has no focal length and no principal point"
+            raise InputError(problem, "leave them out, or give {projection} pinhole")
         if lenses.metric_camera(self.card) is None:
-            told = f"model {self.card.name!r} gives no metres of a known camera for a panorama"
-            raise InputError(told, "give another {model}")
+            problem = f"model {self.card.name!r} gives no metres of a known camera for a panorama"
+            raise InputError(problem, "give another {model}")
         view, size_px = Intrinsics(hfov_deg=HFOV_DEG), (0, 0)
 
-        def predict(one: Frame) -> Float32Array:
+        def predict(view_frame: Frame) -> Float32Array:
             nonlocal size_px
-            depth = self._predict_batch([one], [view], [None])[0].depth
+            depth = self._predict_batch([view_frame], [view], [None])[0].depth
             size_px = depth.provenance.input_size_px or size_px
             return depth.values
 
@@ -241,11 +243,11 @@ class Pipeline:
         return transforms.coarse_depth(self.card.output, self.session.run(batch)[0], layout)
 
     def _run(
-        self, inputs: Sequence[Float32Array], known: Sequence[Float32Array | None]
+        self, inputs: Sequence[Float32Array], known_depth: Sequence[Float32Array | None]
     ) -> list[RawOutputs]:
         """The network's output for each (1, C, H, W) input, batched by size.
 
-        ``known`` is known depth, (C, H, W), for each; None for none.
+        ``known_depth`` is (C, H, W) for each; None for none.
         """
         batches: dict[tuple[int, ...], list[int]] = {}
         for i, single in enumerate(inputs):
@@ -254,7 +256,7 @@ class Pipeline:
         for members in batches.values():
             together = [inputs[i] for i in members]
             batch = together[0] if len(together) == 1 else np.concatenate(together)
-            raw = self.session.outputs(batch, [known[i] for i in members])
+            raw = self.session.outputs(batch, [known_depth[i] for i in members])
             outputs |= {member: raw.picture(i) for i, member in enumerate(members)}
         return [outputs[i] for i in range(len(inputs))]
 
@@ -291,11 +293,11 @@ def _of_points(spec: OutputSpec, raw: RawOutputs, camera: Intrinsics, frame: Fra
     if spec.mask is not None and raw.mask is not None:
         has_depth = ~transforms.lacks_depth(spec.mask, raw.mask)
     focal_px = None if camera.source is CameraSource.CARD else camera.focal_px
-    known = None if focal_px is None else hfov_deg(focal_px, frame.width)
-    found = depth_of_points(raw.maps, has_depth, known)
+    view_deg = None if focal_px is None else hfov_deg(focal_px, frame.width)
+    estimate = depth_of_points(raw.maps, has_depth, view_deg)
     scale = 1 if raw.scale is None else raw.scale
-    hfov = np.asarray(found.hfov_deg, np.float32)
-    return raw._replace(maps=np.asarray(found.depth * scale, np.float32), hfov_deg=hfov)
+    hfov = np.asarray(estimate.hfov_deg, np.float32)
+    return raw._replace(maps=np.asarray(estimate.depth * scale, np.float32), hfov_deg=hfov)
 
 
 def _range_warnings(spec: OutputSpec, depth: DepthMap, scale: float) -> tuple[str, ...]:
@@ -304,18 +306,18 @@ def _range_warnings(spec: OutputSpec, depth: DepthMap, scale: float) -> tuple[st
         return ()
     low_m, high_m = spec.min_m * scale, spec.max_m * scale
     values = depth.values[::_STEP, ::_STEP]
-    found = []
+    warnings = []
     for at_end, end_m, word in (
         (values <= low_m * (1 + _END_SHARE), low_m, "nearer"),
         (values >= high_m * (1 - _END_SHARE), high_m, "farther"),
     ):
         share = np.count_nonzero(at_end) / values.size
         if share >= _MANY:
-            found.append(
+            warnings.append(
                 f"{share:.0%} of the pixels are at {end_m:.3g} m, an end of the range of the "
                 f"model, {low_m:.3g} to {high_m:.3g} m: they may be {word}"
             )
-    return tuple(found)
+    return tuple(warnings)
 
 
 def _finished(
@@ -329,9 +331,9 @@ def _finished(
     depth = masked_to_data_window(depth, frame.windows)
     if frame.transparent is not None:
         depth = replace(depth, values=np.where(frame.transparent, np.float32(np.nan), depth.values))
-    found, of_anchors = fitted(depth, anchors, frame.windows, followed=followed)
+    result, of_anchors = fitted(depth, anchors, frame.windows, followed=followed)
     of_camera = () if anchors else _camera_warnings(depth, frame)
-    return Prediction(found, (*warnings, *of_camera, *of_anchors))
+    return Prediction(result, (*warnings, *of_camera, *of_anchors))
 
 
 def _camera_warnings(depth: DepthMap, frame: Frame) -> tuple[str, ...]:
@@ -339,12 +341,14 @@ def _camera_warnings(depth: DepthMap, frame: Frame) -> tuple[str, ...]:
     source = depth.provenance.camera_source
     width, height = frame.display_size_px
     if source is CameraSource.CARD and frame.focal_mm is not None:
-        told = f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size"
+        problem = (
+            f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size"
+        )
     elif source is CameraSource.EXIF and max(width, height) > _LONGEST * min(width, height):
-        told = f"EXIF has the focal length of the lens, not of a panorama of {width}×{height}"
+        problem = f"EXIF has the focal length of the lens, not of a panorama of {width}×{height}"
     else:
         return ()
-    return (Message(told, "give {focal_px} or {hfov}, as metres may be far off"),)
+    return (Message(problem, "give {focal_px} or {hfov}, as metres may be far off"),)
 
 
 def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> int | None:
@@ -352,8 +356,8 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> i
     if detail.tile_px is None:
         return None
     if spec.known_depth is not None:
-        told = "a network that needs known depth of the whole image takes no tiles"
-        raise InputError(told, "leave {tile} out, or give another {model}")
+        problem = "a network that needs known depth of the whole image takes no tiles"
+        raise InputError(problem, "leave {tile} out, or give another {model}")
     width, chosen = frame.width, detail.tile_px
     if chosen == options.AUTO_TILE:
         chosen = max(-(-3 * width // 4), spec.width)
@@ -361,6 +365,6 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> i
         math.sqrt(spec.width * spec.height * width / (_MAX_CELLS_A_PIXEL * frame.height))
     )
     if chosen < min(finest_px, width):
-        told = f"tiles of {chosen} pixels have less detail than the network's input"
-        raise InputError(told, f"give a {{tile}} of {finest_px} or more, or leave it out")
+        problem = f"tiles of {chosen} pixels have less detail than the network's input"
+        raise InputError(problem, f"give a {{tile}} of {finest_px} or more, or leave it out")
     return chosen if chosen < width else None

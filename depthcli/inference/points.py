@@ -37,34 +37,38 @@ def depth_of_points(
     diagonal = math.hypot(width, height)
     rows, columns = (np.arange(_GRID) * length // _GRID for length in (height, width))
     u, v = (2 * columns + 1 - width) / diagonal, (2 * rows + 1 - height) / diagonal
-    seen = np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1).reshape(-1, 2)
+    directions = np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1).reshape(-1, 2)
     grid = points[np.ix_(rows, columns)].reshape(-1, 3).astype(np.float64)
     if has_depth is not None:
         chosen = has_depth[np.ix_(rows, columns)].ravel()
-        seen, grid = seen[chosen], grid[chosen]
-    known = None if hfov_deg is None else width / diagonal / math.tan(math.radians(hfov_deg) / 2)
-    shift, focal = 0.0, known or 1.0
+        directions, grid = directions[chosen], grid[chosen]
+    known_focal = (
+        None if hfov_deg is None else width / diagonal / math.tan(math.radians(hfov_deg) / 2)
+    )
+    shift, focal = 0.0, known_focal or 1.0
     if len(grid) >= _LEAST_POINTS:
-        shift = _best_shift(seen, grid, known)
-        focal = _focal(seen, grid, shift, known)
-    found = 2 * math.atan2(width / diagonal, focal)
-    return PointFit(points[..., 2] + np.float32(shift), math.degrees(found))
+        shift = _best_shift(directions, grid, known_focal)
+        focal = _focal(directions, grid, shift, known_focal)
+    view_rad = 2 * math.atan2(width / diagonal, focal)
+    return PointFit(points[..., 2] + np.float32(shift), math.degrees(view_rad))
 
 
-def _focal(seen: Float64Array, grid: Float64Array, shift: float, known: float | None) -> float:
+def _focal(
+    directions: Float64Array, grid: Float64Array, shift: float, known_focal: float | None
+) -> float:
     """The focal length by half the diagonal that fits a shift best."""
-    if known is not None:
-        return known
+    if known_focal is not None:
+        return known_focal
     flat = grid[:, :2] / (grid[:, 2:] + shift)
-    return float((flat * seen).sum() / (flat * flat).sum())
+    return float((flat * directions).sum() / (flat * flat).sum())
 
 
-def _best_shift(seen: Float64Array, grid: Float64Array, known: float | None) -> float:
+def _best_shift(directions: Float64Array, grid: Float64Array, known_focal: float | None) -> float:
     """The shift of least squares, by Levenberg's and Marquardt's steps from 0."""
 
     def errors(shift: float) -> Float64Array:
         flat = grid[:, :2] / (grid[:, 2:] + shift)
-        return (_focal(seen, grid, shift, known) * flat - seen).ravel()
+        return (_focal(directions, grid, shift, known_focal) * flat - directions).ravel()
 
     shift, damping, now = 0.0, _DAMPING, errors(0.0)
     step_size = 1e-6 * max(1.0, float(np.abs(grid[:, 2]).mean()))

@@ -41,27 +41,27 @@ def _output_names(session: ort.InferenceSession, model: Model) -> dict[str, str]
     That is the output that the card names, the only one, or one of ``_NAMES``.
     """
     outputs: list[Any] = session.get_outputs()
-    card, wanted = model.card, model.card.onnx.output
-    names = _NAMES if wanted is None else {wanted}
-    found = [one for one in outputs if one.name in names]
-    if wanted is None and len(outputs) == 1:
-        found = outputs
-    listed = one_line(", ".join(f"{one.name} {one.shape}" for one in outputs))
-    if len(found) != 1:
-        which = "which of them is the depth map" if wanted is None else "one of them"
+    card, depth_name = model.card, model.card.onnx.output
+    names = _NAMES if depth_name is None else {depth_name}
+    present = [output for output in outputs if output.name in names]
+    if depth_name is None and len(outputs) == 1:
+        present = outputs
+    listed = one_line(", ".join(f"{output.name} {output.shape}" for output in outputs))
+    if len(present) != 1:
+        choice = "which of them is the depth map" if depth_name is None else "one of them"
         raise ModelError(
-            f"{model.path} has the outputs {listed}; state {which} in the card, as onnx.output"
+            f"{model.path} has the outputs {listed}; state {choice} in the card, as onnx.output"
         )
-    if not _NUMBERS.fullmatch(found[0].type):
-        raise ModelError(f"{model.path} gives {found[0].type}, not numbers; use a depth model")
+    if not _NUMBERS.fullmatch(present[0].type):
+        raise ModelError(f"{model.path} gives {present[0].type}, not numbers; use a depth model")
     others = {
         "mask": card.output.mask and card.output.mask.output,
         "hfov_deg": card.camera and card.camera.hfov_output,
         "scale": card.output.points and card.output.points.scale_output,
     }
-    named = {"maps": str(found[0].name)} | {field: name for field, name in others.items() if name}
+    named = {"maps": str(present[0].name)} | {field: name for field, name in others.items() if name}
     for name in named.values():
-        if name not in {one.name for one in outputs}:
+        if name not in {output.name for output in outputs}:
             raise ModelError(f"{model.path} has no output {name!r}, but {listed}; correct the card")
     return named
 
@@ -76,7 +76,7 @@ class RawOutputs(NamedTuple):
 
     def picture(self, i: int) -> "RawOutputs":
         """The outputs of one picture, without the first axis."""
-        more = (None if one is None else one[i] for one in self[1:])
+        more = (None if output is None else output[i] for output in self[1:])
         return RawOutputs(self.maps[i], *more)
 
 
@@ -105,7 +105,7 @@ class Session:
         provider_options: Mapping[str, str] | None = None,
     ) -> None:
         self.model = model
-        wanted = providers.wanted_providers(provider)
+        names = providers.wanted_providers(provider)
         options = provider_options or {}
         if options and provider in {AUTO, CPU}:
             advice = "name one such as cuda with {provider}, or remove {provider_options}"
@@ -113,13 +113,13 @@ class Session:
         self.provider_options = dict(options)
         self.load_known_depth: Callable[[], Session] | None = None
         self.on_stop: Callable[[], None] | None = None
-        self._session = _start(model, wanted, threads, options)
+        self._session = _start(model, names, threads, options)
         self._run_options = ort.RunOptions()
         active = self._session.get_providers()[0]
         self.provider = next((name for name, full in PROVIDERS.items() if full == active), active)
         self.warnings: tuple[str, ...] = ()
-        if self.provider != wanted[0]:  # onnxruntime falls back to the CPU by itself
-            problem = f"provider {wanted[0]!r} does not start here"
+        if self.provider != names[0]:  # onnxruntime falls back to the CPU by itself
+            problem = f"provider {names[0]!r} does not start here"
             if provider != AUTO:
                 advice = "onnxruntime says why, above; or give {provider} auto"
                 raise ProviderError(f"{problem}, and {self.provider!r} would run", advice)
@@ -147,11 +147,13 @@ class Session:
         feed = {self._input: batch}
         spec = self.model.card.input
         if spec.prompt_inputs:
-            known = spec.known_depth
-            size = batch.shape[2:] if known is None else (known.height, known.width)
+            known_depth = spec.known_depth
+            size = (
+                batch.shape[2:] if known_depth is None else (known_depth.height, known_depth.width)
+            )
             nothing = np.zeros((len(spec.prompt_inputs), *size), np.float32)
             each = [None] * len(batch) if prompts is None else prompts
-            stacked = np.stack([nothing if one is None else one for one in each])
+            stacked = np.stack([nothing if points is None else points for points in each])
             feed |= {name: stacked[:, i : i + 1] for i, name in enumerate(spec.prompt_inputs)}
         if spec.layout is TensorLayout.NHWC:
             feed[self._input] = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
@@ -163,12 +165,12 @@ class Session:
             raise ModelError(
                 f"{self.model.path} failed on an input of {batch.shape}: {_first_line(error)}"
             ) from error
-        found = dict(zip(self._outputs, raw, strict=True))
-        for name in {"maps", "mask"} & found.keys():
-            found[name] = self._maps(found[name], len(batch))
-        for name in {"hfov_deg", "scale"} & found.keys():
-            found[name] = np.asarray(found[name], np.float32).reshape(len(batch))
-        return RawOutputs(**found)
+        by_name = dict(zip(self._outputs, raw, strict=True))
+        for name in {"maps", "mask"} & by_name.keys():
+            by_name[name] = self._maps(by_name[name], len(batch))
+        for name in {"hfov_deg", "scale"} & by_name.keys():
+            by_name[name] = np.asarray(by_name[name], np.float32).reshape(len(batch))
+        return RawOutputs(**by_name)
 
     @cached_property
     def known_depth(self) -> "Session | None":
@@ -182,8 +184,8 @@ class Session:
         part of their file.
         """
         card, other = self.model.card, self.known_depth if knows_depth else None
-        own = self.model.sha256, card.input, card.output, card.camera
-        return (*own, self.provider, self.provider_options, other and other.identity())
+        identity = self.model.sha256, card.input, card.output, card.camera
+        return (*identity, self.provider, self.provider_options, other and other.identity())
 
     def stop(self) -> None:
         """Terminate all runs, current and later ones, which fail then; from any thread."""
@@ -220,7 +222,7 @@ class Session:
 
 
 def _start(
-    model: Model, wanted: tuple[str, ...], threads: int | None, provider_options: Mapping[str, str]
+    model: Model, names: tuple[str, ...], threads: int | None, provider_options: Mapping[str, str]
 ) -> ort.InferenceSession:
     options = ort.SessionOptions()
     options.log_severity_level = _FATAL_ONLY
@@ -234,29 +236,29 @@ def _start(
         # That holds for onnxruntime's default pinned threads, not for a given number; but more
         # threads than cores would slow each other down, 1024 of them for a minute.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    if DIRECTML in wanted:  # it supports neither memory patterns nor parallel execution
+    if DIRECTML in names:  # it supports neither memory patterns nor parallel execution
         options.enable_mem_pattern = False
         options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
-    if wanted[0] in CUDA and hasattr(ort, "preload_dlls"):  # since 1.21
+    if names[0] in CUDA and hasattr(ort, "preload_dlls"):  # since 1.21
         with redirect_stdout(sys.stderr):  # which has what is missing
             ort.preload_dlls()  # of CUDA and cuDNN that pip installed, where no search path leads
-    stated = [
-        (PROVIDERS[name], DEFAULT_OPTIONS.get(name, {}) | dict(provider_options)) for name in wanted
+    configured = [
+        (PROVIDERS[name], DEFAULT_OPTIONS.get(name, {}) | dict(provider_options)) for name in names
     ]
     try:
         # onnxruntime's own fallback to the CPU prints to standard output.
         source = str(model.path) if model.data is None else model.data
-        return ort.InferenceSession(source, options, stated, enable_fallback=0)
+        return ort.InferenceSession(source, options, configured, enable_fallback=0)
     except Exception as error:
-        found = _load_error(model, wanted, error)
-        if isinstance(found, ProviderError) and len(wanted) > 1:
-            return _start(model, wanted[1:], threads, provider_options)  # the caller warns of it
-        raise found from error
+        reason = _load_error(model, names, error)
+        if isinstance(reason, ProviderError) and len(names) > 1:
+            return _start(model, names[1:], threads, provider_options)  # the caller warns of it
+        raise reason from error
 
 
-def _load_error(model: Model, wanted: tuple[str, ...], error: Exception) -> ModelError:
-    if wanted[0] != CPU and "CPUExecutionProvider" not in str(error):
-        return ProviderError(f"provider {wanted[0]!r} does not start: {_first_line(error)}")
+def _load_error(model: Model, names: tuple[str, ...], error: Exception) -> ModelError:
+    if names[0] != CPU and "CPUExecutionProvider" not in str(error):
+        return ProviderError(f"provider {names[0]!r} does not start: {_first_line(error)}")
     return ModelError(
         f"onnxruntime {ort.__version__} cannot load {model.path} "
         f"(opset {model.card.onnx.opset}, IR {model.card.onnx.ir}): {_first_line(error)}"
@@ -267,13 +269,13 @@ def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tupl
     """Name and (N, C, H, W) of the image's float input; None where a length is dynamic."""
     inputs: list[Any] = session.get_inputs()
     names = model.card.input.prompt_inputs
-    kinds = [(len(one.shape), one.type) for one in inputs]
+    kinds = [(len(entry.shape), entry.type) for entry in inputs]
     usual = ([(_IMAGE_RANK, kind)] * (1 + len(names)) for kind in _INPUT_TYPES)
-    if kinds not in usual or tuple(one.name for one in inputs[1:]) != names:
-        listed = one_line(", ".join(f"{one.name} {one.shape} {one.type}" for one in inputs))
-        told = f"{model.path} has the inputs {listed or 'none'}"
+    if kinds not in usual or tuple(entry.name for entry in inputs[1:]) != names:
+        listed = one_line(", ".join(f"{entry.name} {entry.shape} {entry.type}" for entry in inputs))
+        problem = f"{model.path} has the inputs {listed or 'none'}"
         advice = "export it with one float32 input (N, C, H, W), or state input.prompt in its card"
-        raise ModelError(told, advice)
+        raise ModelError(problem, advice)
     first, spec = inputs[0], model.card.input
     lengths = [length if isinstance(length, int) else None for length in first.shape]
     is_last = spec.layout is TensorLayout.NHWC
@@ -284,8 +286,8 @@ def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tupl
             f"{spec.layout.value}; correct input.colour or input.layout in the card"
         )
     if lengths[0] not in {None, 1}:
-        told = f"{model.path} takes {lengths[0]} pictures at once"
-        raise ModelError(told, "export it with a batch of one, or a dynamic one")
+        problem = f"{model.path} takes {lengths[0]} pictures at once"
+        raise ModelError(problem, "export it with a batch of one, or a dynamic one")
     return str(first.name), (lengths[0], channels, *lengths[1:])
 
 

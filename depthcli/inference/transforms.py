@@ -114,11 +114,11 @@ def prompt_input(
     """
     spec, output = card.input.known_depth, card.output
     if spec is not None:
-        log_m, known = _on_grid_of(points, frame, _without_padding(spec.width, spec.height))
-        return imageops.filled_nearest(np.exp(log_m).astype(np.float32), known)[np.newaxis]
-    log_m, known = _on_grid_of(points, frame, layout)
-    coded = np.where(known, (log_m - output.shift) / output.scale, 0)
-    return np.stack([coded, known]).astype(np.float32)
+        log_m, is_known = _on_grid_of(points, frame, _without_padding(spec.width, spec.height))
+        return imageops.filled_nearest(np.exp(log_m).astype(np.float32), is_known)[np.newaxis]
+    log_m, is_known = _on_grid_of(points, frame, layout)
+    coded = np.where(is_known, (log_m - output.shift) / output.scale, 0)
+    return np.stack([coded, is_known]).astype(np.float32)
 
 
 def follow_points(
@@ -185,11 +185,11 @@ def _same_area(spec: InputSpec, width: float, height: float) -> Layout:
     nominal = spec.width / spec.height
     longest = max(_MAX_ASPECT, nominal, 1 / nominal)
     aspect = width / height / spec.pixel_aspect
-    wanted = min(max(aspect, 1 / longest), longest)
+    target = min(max(aspect, 1 / longest), longest)
     area = spec.width * spec.height
-    sides = math.sqrt(area * wanted), math.sqrt(area / wanted)
+    sides = math.sqrt(area * target), math.sqrt(area / target)
     columns, rows = (_multiple(side, spec.multiple_of) for side in sides)
-    if wanted == aspect:
+    if target == aspect:
         return _without_padding(columns, rows)
     padded = _letterboxed(spec, columns, rows, width, height)
     return _on_grid(padded) if columns % _GRID_PX == rows % _GRID_PX == 0 else padded

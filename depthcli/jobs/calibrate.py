@@ -81,11 +81,15 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
         raise UsageError(f"model {request.pipeline.card.name!r} gives no metres to correct")
     samples, cameras = [], dict[tuple[float, ...], Intrinsics]()
     warnings = [*request.camera.warnings]
-    for frame, known in _known(request):
+    for frame, known_points in _known(request):
         depth = request.pipeline.predict(frame, replace(request.camera, scale=None)).depth
         name = str(frame.path or request.pairs)
         try:
-            points = known.within(depth.width, depth.height) if len(known) else known
+            points = (
+                known_points.within(depth.width, depth.height)
+                if len(known_points)
+                else known_points
+            )
         except UsageError as error:
             raise InputError(error.message.about(name)) from error
         warnings += [about(name, warning) for warning in points.warnings]
@@ -117,20 +121,20 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
         warnings.append("the scale does not lower the error of points that were left out")
     if len(cameras) > 1:
         warnings.append("the images have several fields of view or sizes, so none is kept")
-    own = UNKNOWN_CAMERA if len(cameras) > 1 else next(iter(cameras.values()))
-    return Calibrated(scale, own, before, tuple(warnings))
+    shared_camera = UNKNOWN_CAMERA if len(cameras) > 1 else next(iter(cameras.values()))
+    return Calibrated(scale, shared_camera, before, tuple(warnings))
 
 
-def _camera(depth: DepthMap, frame: Frame, given: Intrinsics) -> Intrinsics:
+def _camera(depth: DepthMap, frame: Frame, camera: Intrinsics) -> Intrinsics:
     """What an image of a camera says of it, for others of any size."""
     size_px, source = frame.display_size_px, depth.provenance
     return Intrinsics(
         hfov_deg=source.focal_px and hfov_deg(source.focal_px, size_px[0]),
         centre_px=source.centre_px,
         size_px=size_px if source.centre_px else None,
-        pixel_aspect=given.pixel_aspect,
-        distortion=given.distortion if given.is_undistorted else None,
-        is_undistorted=given.is_undistorted,
+        pixel_aspect=camera.pixel_aspect,
+        distortion=camera.distortion if camera.is_undistorted else None,
+        is_undistorted=camera.is_undistorted,
     )
 
 
@@ -143,8 +147,8 @@ def _rounded(camera: Intrinsics) -> tuple[float, ...]:
 def _known(request: CalibrationRequest) -> Iterator[tuple[Frame, AnchorPoints]]:
     if request.pairs is not None:
         if request.camera.is_undistorted:
-            told = "its depth is of images with their distortion"
-            raise UsageError(told, "leave {undistort} out", option="pairs")
+            problem = "its depth is of images with their distortion"
+            raise UsageError(problem, "leave {undistort} out", option="pairs")
         yield from _of_pairs(request.pairs)
         return
     for name in request.images:

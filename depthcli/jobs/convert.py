@@ -96,25 +96,25 @@ class ConvertResult:
 
 def convert(request: ConvertRequest) -> ConvertResult:
     """Write a depth file in another format."""
-    wanted, path = target_of(request.target, request.format)
+    format_, path = target_of(request.target, request.format)
     stored = inspect.read_map(paths.path_of(request.source), request.stated)
-    return _write_converted(stored, request, wanted, path)
+    return _write_converted(stored, request, format_, path)
 
 
 def _write_converted(
-    stored: StoredDepth, request: ConvertRequest, wanted: table.Format, path: Path
+    stored: StoredDepth, request: ConvertRequest, format_: table.Format, path: Path
 ) -> ConvertResult:
     """Write a map that was read from the source of a request; raises the errors of `convert`."""
-    shown = stored.displayed
-    given = None if request.picture is None else _colours(request, request.picture, shown)
-    shown = types.with_camera(_with_camera_of(given, shown), request.camera)
-    views = {stored.frame.view, given.view if given else None} - {None}
+    displayed = stored.displayed
+    image = None if request.picture is None else _colours(request, request.picture, displayed)
+    displayed = types.with_camera(_with_camera_of(image, displayed), request.camera)
+    views = {stored.frame.view, image.view if image else None} - {None}
     if len(views) > 1:
         problem = f"depth is of one eye ({stored.frame.view}) and {request.picture} of the other"
         raise InputError(problem, "choose with {from_layer} and {layer}")
-    depth, picture = shown, given
-    if wanted.facts.has_overscan:
-        depth, picture = replace(stored.depth, provenance=shown.provenance), stored.frame
+    depth, picture = displayed, image
+    if format_.facts.has_overscan:
+        depth, picture = replace(stored.depth, provenance=displayed.provenance), stored.frame
     values = np.where(np.isinf(depth.values), np.float32(np.nan), depth.values)  # as PFM has it
     if not (depth.valid.any() or inspect.is_depth_video(paths.path_of(request.source))):
         raise InputError(f"{stored.name} has no pixel with depth, so nothing is written")
@@ -122,32 +122,34 @@ def _write_converted(
     guard = atomic.Guard.of(inputs, overwrite=request.overwrite)
     with atomic.atomic_path(path, guard=guard) as temporary:
         writing = (
-            _sidecar_options(request, stored) if wanted is table.Format.JSON else request.writing
+            _sidecar_options(request, stored) if format_ is table.Format.JSON else request.writing
         )
-        warnings = writing.writer(wanted).write(replace(depth, values=values), temporary, picture)
+        warnings = writing.writer(format_).write(replace(depth, values=values), temporary, picture)
         round_trip = None
-        if wanted.facts.is_readable:
+        if format_.facts.is_readable:
             kind = depth_files.DepthReadOptions(kind=DepthEncoding(depth.kind))
             round_trip = RoundTrip.of(depth, depth_files.read_stored_depth(temporary, kind).depth)
-    of_picture = given.warnings if given else ()
+    of_picture = image.warnings if image else ()
     warnings = (*stored.warnings_with_scale("from_scale"), *of_picture, *warnings)
-    return ConvertResult(paths.safe_name(request.source), str(path), shown, round_trip, warnings)
+    return ConvertResult(
+        paths.safe_name(request.source), str(path), displayed, round_trip, warnings
+    )
 
 
-def target_of(target: str, asked: table.Format | None) -> tuple[table.Format, Path]:
+def target_of(target: str, format_: table.Format | None) -> tuple[table.Format, Path]:
     """Format of a converted map, the one asked for or that of the suffix, and its path."""
-    found = outputs.Destination.parse(target, () if asked is None else (asked,), _RULES)
-    if found.path is None or found.kind is outputs.Kind.FOLDER:
+    destination = outputs.Destination.parse(target, () if format_ is None else (format_,), _RULES)
+    if destination.path is None or destination.kind is outputs.Kind.FOLDER:
         folder = "" if target == outputs.STDIO else f"{target.rstrip('/')}/"
         raise UsageError(f"{target} is not a file", f"name one, for example {folder}depth.exr")
-    return found.formats[0], found.path
+    return destination.formats[0], destination.path
 
 
 def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> table.WriterOptions:
     """The options; by default, the sidecar of a 16-bit PNG states the scale of that PNG."""
-    writing, stated = request.writing, stored.metadata.get("scale")
-    if stated in NORMALIZED:
-        is_inverse = stated == "inverse"
+    writing, scale = request.writing, stored.metadata.get("scale")
+    if scale in NORMALIZED:
+        is_inverse = scale == "inverse"
         low, high = stated_range(stored.metadata) or (None, None)
         if is_inverse and low and high:
             low, high = 1 / high, 1 / low
@@ -162,8 +164,8 @@ def _colours(request: ConvertRequest, picture: str, depth: types.DepthMap) -> ty
     limit, size = max(MAX_PIXELS, depth.values.size), f"{depth.width}×{depth.height}"
     frame = read_image(picture, max_pixels=limit, **request.reading._asdict())
     frame = types.displayed_frame(frame)
-    if (found := f"{frame.width}×{frame.height}") != size:
-        problem = f"{picture} has {found} pixels and the depth {size}"
+    if (image_size := f"{frame.width}×{frame.height}") != size:
+        problem = f"{picture} has {image_size} pixels and the depth {size}"
         raise InputError(problem, "give the picture that the depth was made of")
     return frame
 
@@ -191,7 +193,7 @@ class FolderPlan:
     loops: tuple[str, ...]  #: links to a folder above them, which are not followed
 
 
-def plan_folder(request: ConvertRequest, wanted: NameFilter = folders.ANY) -> FolderPlan:
+def plan_folder(request: ConvertRequest, names_filter: NameFilter = folders.ANY) -> FolderPlan:
     """List the depth files of a folder that are wanted, and name their outputs.
 
     ``hall/a.depth.png`` becomes ``hall/a.depth.exr``. Names depend on all files of the folder, not
@@ -204,11 +206,13 @@ def plan_folder(request: ConvertRequest, wanted: NameFilter = folders.ANY) -> Fo
     paths.check_writable(paths.path_of(out))
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
         raise UsageError(f"{out} is the folder of the inputs", "choose another {out}")
-    listing = folders.list_folder(root, leave_out=out, skip=wanted.excludes, refusal=_why_no_depth)
+    listing = folders.list_folder(
+        root, leave_out=out, skip=names_filter.excludes, refusal=_why_no_depth
+    )
     names = output_names.TreeNames((file.name for file in listing.media), _stem)
     inputs, skipped, where = list[InputFile](), listing.skipped, paths.safe_name(root)
     for file in listing.media:
-        refusal = None if file.problem else wanted.refusal(file.name)
+        refusal = None if file.problem else names_filter.refusal(file.name)
         if refusal is None:
             inputs.append(file)
         else:
@@ -270,9 +274,11 @@ def _why_no_depth(path: str) -> str | None:
         return folders.HIDDEN
     if name.suffix.lower() not in table.READABLE_SUFFIXES or re.search(_OTHER_BIN, name.name):
         return name.suffix.lower() or "without suffix"
-    found = table.format_of(name)
-    is_image = found is not None and not found.facts.is_readable and folders.is_own_picture(path)
-    return str(found) if is_image else None
+    format_ = table.format_of(name)
+    is_image = (
+        format_ is not None and not format_.facts.is_readable and folders.is_own_picture(path)
+    )
+    return str(format_) if is_image else None
 
 
 def _stem(name: str) -> str:
@@ -281,16 +287,16 @@ def _stem(name: str) -> str:
     return above + slash + table.stem_of(last)
 
 
-def _target(base: str, wanted: table.Format) -> str:
+def _target(base: str, format_: table.Format) -> str:
     """The name of an output; ``clip.depth.000001`` says already that it is depth."""
-    suffix = wanted.facts.suffix
+    suffix = format_.facts.suffix
     return base + (suffix.removeprefix(".depth") if re.search(_FRAME, base) else suffix)
 
 
 def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertResult, None, None]:
     """Convert every frame of a depth video, in their order; the target is a pattern for numbers."""
     _check_sequence(request)
-    wanted, pattern = target_of(request.target, request.format)
+    format_, pattern = target_of(request.target, request.format)
 
     def frames(video: DepthVideo) -> Generator[StoredDepth | InputError, None, None]:
         try:
@@ -302,16 +308,16 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
         if isinstance(stored, InputError):  # at its turn, so that all frames before are written
             raise stored
         name = numbering.numbered_name(pattern.name, stored.frame.index)
-        return _write_converted(stored, request, wanted, pattern.with_name(name))
+        return _write_converted(stored, request, format_, pattern.with_name(name))
 
     with paths.local_copy(paths.path_of(request.source)) as path, parallel.one_thread_each(workers):
-        found = frames(inspect.open_depth_video(path, request.stated))
-        with closing(parallel.ordered_map(convert_frame, found, workers=workers)) as results:
+        maps = frames(inspect.open_depth_video(path, request.stated))
+        with closing(parallel.ordered_map(convert_frame, maps, workers=workers)) as results:
             yield from results
 
 
 def convert_to_video(
-    request: ConvertRequest, which: VideoFormat, warnings: list[str]
+    request: ConvertRequest, format_: VideoFormat, warnings: list[str]
 ) -> Generator[ConvertResult, None, None]:
     """Convert every frame of a depth video, or of numbered depth files, to one video.
 
@@ -334,7 +340,7 @@ def convert_to_video(
             warnings.append(Message(assumed, "give {fps}"))
         timing = Timing(rate or FALLBACK_RATE, source_rate=rate, step=None)
         guard = atomic.Guard.of(inputs, overwrite=request.overwrite)
-        output = stack.enter_context(video_file(which, path, timing, guard, request.writing))
+        output = stack.enter_context(video_file(format_, path, timing, guard, request.writing))
         shape, lock, decay = None, RangeLock(), ema_decay(float(1 / timing.rate), LOCK_S)
         for stored in frames:
             depth = types.with_camera(stored.displayed, request.camera)
@@ -342,8 +348,8 @@ def convert_to_video(
                 raise InputError(f"{stored.name} has another size than the first frame")
             shape, spread = depth.values.shape, lock.step(*percentiles(depth), decay)
             output.append(output.encode(DepthFrame(stored.frame, depth, spread)))
-            told = stored.warnings_with_scale("from_scale")
-            yield ConvertResult(paths.safe_name(stored.name), str(path), depth, None, told)
+            doubts = stored.warnings_with_scale("from_scale")
+            yield ConvertResult(paths.safe_name(stored.name), str(path), depth, None, doubts)
         warnings += output.finish()
 
 
@@ -365,13 +371,13 @@ def _numbered_maps(
         images = [image._replace(number=count) for count, image in enumerate(images)]
     last_s = -math.inf
     for number, path in images:
-        found = inspect.read_map(path, request.stated)
-        stated_s = None if request.fps else found.depth.provenance.time_s
+        stored = inspect.read_map(path, request.stated)
+        stated_s = None if request.fps else stored.depth.provenance.time_s
         time_s = float((number - images[0].number) / rate) if stated_s is None else stated_s
         if time_s <= last_s:
             raise InputError(f"{path} is not later than the frame before it", "give {fps}")
         last_s = time_s
-        yield replace(found, frame=replace(found.frame, index=number, timestamp_s=time_s))
+        yield replace(stored, frame=replace(stored.frame, index=number, timestamp_s=time_s))
 
 
 def _check_sequence(request: ConvertRequest) -> None:

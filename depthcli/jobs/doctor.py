@@ -102,12 +102,22 @@ def check_conflicts() -> Iterator[Check]:
         ("onnxruntime packages", "onnxruntime", "onnxruntime/__init__.py"),
         ("OpenCV packages", "opencv", "cv2/__init__.py"),
     ):
-        named = (one for one in distributions() if one.name.lower().startswith(prefix))
-        found = sorted({one.name for one in named if module in map(str, one.files or ())})
-        detail = ", ".join(found) or "not installed as a package"
-        if len(found) > 1:
+        named = (
+            distribution
+            for distribution in distributions()
+            if distribution.name.lower().startswith(prefix)
+        )
+        packages = sorted(
+            {
+                distribution.name
+                for distribution in named
+                if module in map(str, distribution.files or ())
+            }
+        )
+        detail = ", ".join(packages) or "not installed as a package"
+        if len(packages) > 1:
             detail += " overwrite each other; uninstall all of them, then install one"
-        yield Check(title, "failed" if len(found) > 1 else "ok", detail)
+        yield Check(title, "failed" if len(packages) > 1 else "ok", detail)
 
 
 def _one_line_reason(error: Exception) -> str:
@@ -128,8 +138,8 @@ def _check_model(name: str | None, provider: str) -> Iterator[Check]:
         f"{model.path} (sha256 {model.sha256}) runs on {session.provider}; "
         f"onnxruntime {ort.__version__} has {', '.join(available_providers())}"
     )
-    found = "; ".join((detail, *session.warnings))
-    yield Check("model", "warning" if session.warnings else "ok", found)
+    text = "; ".join((detail, *session.warnings))
+    yield Check("model", "warning" if session.warnings else "ok", text)
 
 
 def _check_providers(name: str | None) -> Iterator[Check]:
@@ -166,8 +176,8 @@ def _check_extras() -> Iterator[Check]:
     for suffix in (".heic", ".dpx"):
         package, install = EXTRAS[suffix]
         version = import_module(package).__version__ if is_installed(package) else None
-        found = f"{package} {version}" if version else f"not read; {install}"
-        yield Check(f"codec {suffix}", "ok", found)
+        text = f"{package} {version}" if version else f"not read; {install}"
+        yield Check(f"codec {suffix}", "ok", text)
 
 
 def _check_video() -> Iterator[Check]:

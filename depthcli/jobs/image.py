@@ -98,8 +98,8 @@ class ImageJob:
         warnings = [*frame.warnings, *prediction.warnings, *shared]
         for format_, target in task.outputs.items():
             warnings += write_output(self.writing, format_, depth, frame, target)
-        shown = displayed_depth(depth, frame.windows)
-        return ImageResult(shown, depth, tuple(dict.fromkeys(warnings)), shared)
+        displayed = displayed_depth(depth, frame.windows)
+        return ImageResult(displayed, depth, tuple(dict.fromkeys(warnings)), shared)
 
 
 def write_output(

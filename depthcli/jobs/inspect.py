@@ -121,8 +121,8 @@ def depth_in(depth: DepthMap, area: tuple[int, int, int, int] | BoolArray) -> Ar
             raise UsageError("the mask has no pixel above 0")
         mask = area
     valid, values = depth.valid[mask], depth.values[mask]
-    found = np.quantile(values[valid], list(QUANTILES.values())) if valid.any() else ()
-    named = dict.fromkeys(QUANTILES) | dict(zip(QUANTILES, map(float, found), strict=False))
+    quantiles = np.quantile(values[valid], list(QUANTILES.values())) if valid.any() else ()
+    named = dict.fromkeys(QUANTILES) | dict(zip(QUANTILES, map(float, quantiles), strict=False))
     return AreaDepth(valid.size, float(1 - valid.mean()), named)
 
 

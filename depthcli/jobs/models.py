@@ -218,16 +218,16 @@ def _download(model: PublishedModel, file: BinaryIO, progress: Progress) -> None
 def _install(
     path: Path, card: str | None, *, name: str | None, force: bool, sha256: str | None
 ) -> Model:
-    (size, found), facts = catalog.checksum(path), catalog.onnx_facts(path)
-    if sha256 is not None and found != sha256.lower():
-        raise ModelError(f"{path} is another file: its sha256 is {found}; it is not added")
+    (size, checksum), facts = catalog.checksum(path), catalog.onnx_facts(path)
+    if sha256 is not None and checksum != sha256.lower():
+        raise ModelError(f"{path} is another file: its sha256 is {checksum}; it is not added")
     draft = _card_draft(path, facts, card)
     complete = _complete_card(draft, facts, name)
-    catalog.check_file(complete, path, size, found)
-    complete = replace(complete, sha256=found, size_bytes=size)
+    catalog.check_file(complete, path, size, checksum)
+    complete = replace(complete, sha256=checksum, size_bytes=size)
     target = folder_to_add(complete.name, force=force)
     if target.is_dir():  # the old one is kept until the new card is in place
-        complete = replace(complete, file=f"model-{found[:12]}.onnx")
+        complete = replace(complete, file=f"model-{checksum[:12]}.onnx")
     with atomic.workspace(target.parent) as work:
         temporary = work / target.name
         temporary.mkdir()
@@ -282,8 +282,12 @@ def _json_object(text: str | bytes, where: str) -> dict[str, Any]:
 
 
 def _complete_card(draft: CardDraft, facts: OnnxFacts, name: str | None) -> ModelCard:
-    stated = draft.fields.get("onnx")
-    output = {"output": stated["output"]} if isinstance(stated, dict) and "output" in stated else {}
+    onnx_fields = draft.fields.get("onnx")
+    output = (
+        {"output": onnx_fields["output"]}
+        if isinstance(onnx_fields, dict) and "output" in onnx_fields
+        else {}
+    )
     fields = draft.fields | {
         "onnx": {"opset": facts.opset, "ir": facts.ir, **output},
         "file": _FILE_NAME,

@@ -55,11 +55,11 @@ class MapOptions:
         """
         from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
 
-        known = self.anchors
-        if not known:
+        source = self.anchors
+        if not source:
             return None
-        found = AnchorPoints.of(known) if isinstance(known, tuple) else known.read(image)
-        return replace(found, fit=self.anchors_fit)
+        points = AnchorPoints.of(source) if isinstance(source, tuple) else source.read(image)
+        return replace(points, fit=self.anchors_fit)
 
     def read(self, path: Path | None, data: bytes | None, name: str = "standard input") -> Frame:
         """An image; arguments and errors as of :func:`depthcli.io.images.read.read_image`."""
@@ -108,7 +108,7 @@ class Destination(Generic[FormatT]):
     def parse(
         cls,
         out: str | None,
-        asked: Sequence[FormatT],
+        requested: Sequence[FormatT],
         rules: FormatRules[FormatT],
         sidecar: FormatT | None = None,
     ) -> Self:
@@ -121,7 +121,7 @@ class Destination(Generic[FormatT]):
         path = None if out is None or kind is Kind.STDOUT else path_of(out)
         if path is not None:
             check_writable(path)
-        formats = _formats(kind, path, tuple(dict.fromkeys(asked)), rules)
+        formats = _formats(kind, path, tuple(dict.fromkeys(requested)), rules)
         stem = None
         if path is not None and kind is Kind.FILE:
             if is_special(path):
@@ -142,11 +142,15 @@ class Destination(Generic[FormatT]):
         path = self.path
         if path is None or self.kind is Kind.FOLDER or self.stem is not None:
             base = path.with_name(self.stem) if path and self.stem is not None else base
-            return {which: base.with_name(base.name + which.facts.suffix) for which in self.wanted}
+            return {
+                format_: base.with_name(base.name + format_.facts.suffix) for format_ in self.wanted
+            }
         stem = base_name(path.stem) if self.kind is Kind.PATTERN else path.stem
         rest = path.stem.removeprefix(stem)  # such as .%04d
-        ends = {which: which.facts.suffix.replace(".%06d", rest) for which in self.formats[1:]}
-        named = {which: path.with_name(stem + end) for which, end in ends.items()}
+        ends = {
+            format_: format_.facts.suffix.replace(".%06d", rest) for format_ in self.formats[1:]
+        }
+        named = {format_: path.with_name(stem + end) for format_, end in ends.items()}
         beside = {} if self.sidecar is None else {self.sidecar: path.with_name(f"{stem}.json")}
         return {self.formats[0]: path, **named, **beside}
 
@@ -166,50 +170,54 @@ def _kind_of(out: str | None, *, is_bare_folder: bool) -> Kind:
 
 
 def _formats(
-    kind: Kind, path: Path | None, asked: tuple[FormatT, ...], rules: FormatRules[FormatT]
+    kind: Kind, path: Path | None, requested: tuple[FormatT, ...], rules: FormatRules[FormatT]
 ) -> tuple[FormatT, ...]:
     """The formats to write: the requested ones, else those of the destination."""
     if path is not None and kind is Kind.PATTERN:
-        return _formats_of_pattern(path, asked, rules)
+        return _formats_of_pattern(path, requested, rules)
     if kind in {Kind.BESIDE, Kind.FOLDER}:
-        return asked or rules.defaults
-    found = rules.stdout if path is None else rules.of_name(path.name)
-    chosen = asked or ((found,) if found else ())
+        return requested or rules.defaults
+    named_format = rules.stdout if path is None else rules.of_name(path.name)
+    chosen = requested or ((named_format,) if named_format else ())
     if not chosen:
-        suffix, known = path.suffix if path else "", ", ".join(rules.suffixes)
+        suffix, suffixes = path.suffix if path else "", ", ".join(rules.suffixes)
         raise _out_error(
             path or Path(STDIO),
             f"ends in {suffix}, which is no format" if suffix else "has no suffix of a format",
-            f"use {known}, give {{format}}, or end the name in '/' for a folder",
+            f"use {suffixes}, give {{format}}, or end the name in '/' for a folder",
         )
-    if path is not None and found is not None and len(chosen) == 1:
+    if path is not None and named_format is not None and len(chosen) == 1:
         _check_suffix(path, chosen[0])
     return chosen
 
 
 def _formats_of_pattern(
-    path: Path, asked: tuple[FormatT, ...], rules: FormatRules[FormatT]
+    path: Path, chosen: tuple[FormatT, ...], rules: FormatRules[FormatT]
 ) -> tuple[FormatT, ...]:
     """The format of the numbered files, and the others, which get the name before the number."""
     if rules.of_pattern is None:
         what = "is a pattern for numbered files of a video"
         raise _out_error(path, what, "name one file, or a folder")
-    numbered = [which for which in asked if "%" in which.facts.suffix]  # two may have one suffix
-    fitting = [which for which in numbered if Path(which.facts.suffix).suffix == suffix_of(path)]
-    found: FormatT | None = fitting[0] if fitting else rules.of_pattern(path.name)
-    if found is None or (asked and found not in asked):
+    numbered = [
+        format_ for format_ in chosen if "%" in format_.facts.suffix
+    ]  # two may have one suffix
+    fitting = [
+        format_ for format_ in numbered if Path(format_.facts.suffix).suffix == suffix_of(path)
+    ]
+    named_format: FormatT | None = fitting[0] if fitting else rules.of_pattern(path.name)
+    if named_format is None or (chosen and named_format not in chosen):
         what = "is a pattern for numbered files, which end in .png, .exr or .npy"
         raise _out_error(path, what, "give such a name, and its {format} with any other")
-    formats: list[FormatT] = [found]
-    formats += [which for which in asked if which != found]
+    formats: list[FormatT] = [named_format]
+    formats += [format_ for format_ in chosen if format_ != named_format]
     return tuple(formats)
 
 
-def _check_suffix(path: Path, which: FormatT) -> None:
-    suffix = Path(f"a{which.facts.suffix}").suffix
-    if "%" in which.facts.suffix:
+def _check_suffix(path: Path, format_: FormatT) -> None:
+    suffix = Path(f"a{format_.facts.suffix}").suffix
+    if "%" in format_.facts.suffix:
         advice = f"name a folder, or a pattern such as {path.stem}.%04d{suffix}"
-        raise _out_error(path, f"is one file, and {which} writes one per frame", advice)
+        raise _out_error(path, f"is one file, and {format_} writes one per frame", advice)
     if suffix_of(path) != suffix:
         raise _out_error(path, f"does not end in {suffix}", "the suffix has to match {format}")
 

@@ -31,10 +31,10 @@ _RULES = outputs.FormatRules(
 
 
 def picture_destination(
-    output: str | None = None, asked: Sequence[Format] = (), *, sidecar: bool = False
+    output: str | None = None, formats: Sequence[Format] = (), *, sidecar: bool = False
 ) -> Destination[Format]:
     """Where the outputs of images go, and their formats; raises as :meth:`Destination.parse`."""
-    return Destination.parse(output, asked, _RULES, Format.JSON if sidecar else None)
+    return Destination.parse(output, formats, _RULES, Format.JSON if sidecar else None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +51,18 @@ class PredictRequest(MapOptions):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Doubts about the request as a whole, one line each."""
-        known = self.anchors
-        is_shared = bool(known) if isinstance(known, tuple) else not known.is_by_image
+        anchors = self.anchors
+        is_shared = bool(anchors) if isinstance(anchors, tuple) else not anchors.is_by_image
         if len(self.pictures) == 1 or not is_shared:
             return self.camera.warnings
-        told = f"{len(self.pictures)} images are fitted to one set of points, which is right only "
+        problem = (
+            f"{len(self.pictures)} images are fitted to one set of points, which is right only "
+        )
         advice = "'depthcli batch' takes a folder of {anchors} with a file for each image"
-        return (*self.camera.warnings, Message(f"{told}if neither camera nor scene moved", advice))
+        return (
+            *self.camera.warnings,
+            Message(f"{problem}if neither camera nor scene moved", advice),
+        )
 
 
 def predict(request: PredictRequest) -> Iterator[PredictResult | FailedInput]:
@@ -90,11 +95,11 @@ def predict(request: PredictRequest) -> Iterator[PredictResult | FailedInput]:
 
 def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Inputs, and those to skip because depthcli wrote them; UsageError if it wrote all."""
-    own = [name for name in names if name != STDIO and is_own_picture(name)]
-    others = [name for name in names if name not in own]
+    written = [name for name in names if name != STDIO and is_own_picture(name)]
+    others = [name for name in names if name not in written]
     if not others:
         raise UsageError(
-            f"{safe_name(own[0])} was written by depthcli",
+            f"{safe_name(written[0])} was written by depthcli",
             "name a picture, or use 'depthcli convert' for depth files",
         )
-    return others, own
+    return others, written

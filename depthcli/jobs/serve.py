@@ -142,7 +142,7 @@ class DepthServer:
     async def _predict(self, request: Request) -> Response:
         self._check_token(request)
         try:
-            asked = self._parse(tuple(request.query_params.multi_items()))
+            options = self._parse(tuple(request.query_params.multi_items()))
             data = await self._image(request)
         except UsageError as error:
             raise HTTPException(400, str(error)) from error
@@ -153,7 +153,7 @@ class DepthServer:
         if self._in_flight() >= self.limits.workers + self.limits.queue:
             raise HTTPException(429, "all workers are busy", _RETRY)
         self._waiting.inc()
-        work = self._pool.submit(self._answer, data, asked)
+        work = self._pool.submit(self._answer, data, options)
         work.add_done_callback(lambda _: self._waiting.dec())  # after a timeout, work goes on
         start = time.perf_counter()
         try:
@@ -170,7 +170,7 @@ class DepthServer:
             raise HTTPException(500, reason) from error
         self._seconds.observe(time.perf_counter() - start)
         self._requests.labels(200).inc()
-        kind = mimetypes.guess_type(f"depth{asked.format.facts.suffix}")[0]
+        kind = mimetypes.guess_type(f"depth{options.format.facts.suffix}")[0]
         return Response(
             body, media_type=kind or "application/octet-stream", headers=_headers(facts)
         )
@@ -183,16 +183,16 @@ class DepthServer:
         async with request.form(max_files=1) as form:
             sent = form.get("image")
             if sent is None or isinstance(sent, str) or len(form) > 1:
-                told = "the form is not one file named 'image'; options are in the query"
-                raise HTTPException(400, told)
+                problem = "the form is not one file named 'image'; options are in the query"
+                raise HTTPException(400, problem)
             return await sent.read()
 
-    def _answer(self, data: bytes, asked: Asked) -> tuple[bytes, dict[str, Any]]:
+    def _answer(self, data: bytes, options: Asked) -> tuple[bytes, dict[str, Any]]:
         """The encoded depth of an image and what is known of it; runs in a thread."""
-        limited = replace(asked, max_pixels=self.limits.max_pixels)
-        frame, points = limited.read(None, data, "the request"), asked.known_points()
-        job, body = ImageJob(Pipeline(self.session, asked.detail), asked.writing), BytesIO()
-        done = job.run(ImageTask(frame, asked.camera, points, {asked.format: body}))
+        limited = replace(options, max_pixels=self.limits.max_pixels)
+        frame, points = limited.read(None, data, "the request"), options.known_points()
+        job, body = ImageJob(Pipeline(self.session, options.detail), options.writing), BytesIO()
+        done = job.run(ImageTask(frame, options.camera, points, {options.format: body}))
         warnings = dict.fromkeys((*self.session.warnings, *done.warnings))
         return body.getvalue(), depth_facts(done.depth) | {"warnings": [*map(str, warnings)]}
 
@@ -200,9 +200,9 @@ class DepthServer:
         return int(self._metrics.get_sample_value(_IN_FLIGHT) or 0)
 
     def _check_token(self, request: Request) -> None:
-        given = request.headers.get("authorization", "")
-        wanted = f"Bearer {self.token}"
-        if self.token and not hmac.compare_digest(given.encode(), wanted.encode()):
+        header = request.headers.get("authorization", "")
+        expected = f"Bearer {self.token}"
+        if self.token and not hmac.compare_digest(header.encode(), expected.encode()):
             headers = {"WWW-Authenticate": "Bearer"}
             raise HTTPException(401, "send the header 'Authorization: Bearer TOKEN'", headers)
 

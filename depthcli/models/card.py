@@ -337,8 +337,10 @@ class ModelCard:
                 raise FieldError.expected("a JSON object", parsed)
             schema = parsed.pop("schema", None)
             if schema != SCHEMA or schema is True:
-                told = f"has schema {short_repr(schema)}, this depthcli reads {SCHEMA}: upgrade it"
-                raise FieldError(told)  # noqa: TRY301 - as those of its fields
+                problem = (
+                    f"has schema {short_repr(schema)}, this depthcli reads {SCHEMA}: upgrade it"
+                )
+                raise FieldError(problem)  # noqa: TRY301 - as those of its fields
             for file in (parsed, parsed.get("weights")):
                 _read_file_facts(file)
             card = validated(cls, parsed)
@@ -355,7 +357,7 @@ class ModelCard:
             {"schema": SCHEMA, **values}, indent=2, ensure_ascii=False, allow_nan=False
         )
         # JSON escapes only the first 32 control characters; terminals interpret others, too.
-        return re.sub(_UNPRINTABLE, lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
+        return re.sub(_UNPRINTABLE, lambda match: f"\\u{ord(match[0]):04x}", text) + "\n"
 
 
 _ALWAYS_STATED = frozenset({"min_m", "max_m", "training", "scores", "latency"})
@@ -367,9 +369,9 @@ def _stated(record: Any) -> dict[str, Any]:  # noqa: ANN401 - any of the datacla
     So cards without newer fields stay readable everywhere.
     """
     values = {
-        one.name: getattr(record, one.name)
-        for one in fields(record)
-        if one.name in _ALWAYS_STATED or getattr(record, one.name) != one.default
+        attribute.name: getattr(record, attribute.name)
+        for attribute in fields(record)
+        if attribute.name in _ALWAYS_STATED or getattr(record, attribute.name) != attribute.default
     }
     return {
         "bytes" if name == "size_bytes" else name: _stated(value)
@@ -446,13 +448,13 @@ def preprocessing_check(card: ModelCard) -> PreprocessingCheck | None:
 
 def verification_text(card: ModelCard) -> str:
     """How a card was compared with its authors' code, for people."""
-    found = card.verification
-    if found is None or found.difference is None:
-        return f"no: {found.why_none}" if found and found.why_none else "no"
-    sizes = f"{found.difference:.0e}"
-    if found.full_size is not None:
-        sizes += f", full size {found.full_size:.0e}"
-    return f"{found.package}, {found.date}: {sizes}"
+    verification = card.verification
+    if verification is None or verification.difference is None:
+        return f"no: {verification.why_none}" if verification and verification.why_none else "no"
+    sizes = f"{verification.difference:.0e}"
+    if verification.full_size is not None:
+        sizes += f", full size {verification.full_size:.0e}"
+    return f"{verification.package}, {verification.date}: {sizes}"
 
 
 def check_command(card: ModelCard) -> str:

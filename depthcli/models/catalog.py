@@ -101,14 +101,14 @@ def user_root() -> Path:
 
 def list_locations() -> Iterator[tuple[str, ModelLocation]]:
     """The models of the catalog, sorted by name; the first folder that has a name counts."""
-    found: dict[str, ModelLocation] = {}
+    locations: dict[str, ModelLocation] = {}
     for root in roots():
         children = sorted(root.iterdir()) if root.is_dir() else []
         for child in children:
             location = None if child.name.startswith(".") else location_at(child)
             if location:
-                found.setdefault(child.name.removesuffix(_ONNX_SUFFIX), location)
-    yield from sorted(found.items())
+                locations.setdefault(child.name.removesuffix(_ONNX_SUFFIX), location)
+    yield from sorted(locations.items())
 
 
 def location_at(path: Path) -> ModelLocation | None:
@@ -162,9 +162,9 @@ def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
     candidates = [root / file for root in folders for file in (name, name + _ONNX_SUFFIX)]
     # The name may be too long, or its host not be reached.
     with os_errors_as(ModelError, f"no model at {short_repr(safe_name(name))}"):
-        found = next(filter(None, map(location_at, [*candidates, path_of(name)])), None)
-    if found:
-        return read_model(found)
+        location = next(filter(None, map(location_at, [*candidates, path_of(name)])), None)
+    if location:
+        return read_model(location)
     if is_path:
         raise ModelError(
             f"no model at {safe_name(name)!r}; give an .onnx file or a folder with {CARD_NAME}"

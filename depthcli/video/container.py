@@ -171,8 +171,8 @@ def _longest(streams: list[VideoStream]) -> VideoStream | None:
 
     def frames(stream: VideoStream) -> float:
         length_s = float((stream.duration or 0) * (stream.time_base or 0))
-        if stated := _LENGTH.fullmatch(stream.metadata.get("DURATION", "")):  # Matroska
-            length_s = (int(stated[1]) * 60 + int(stated[2])) * 60 + float(stated[3])
+        if duration := _LENGTH.fullmatch(stream.metadata.get("DURATION", "")):  # Matroska
+            length_s = (int(duration[1]) * 60 + int(duration[2])) * 60 + float(duration[3])
         return stream.frames or length_s * float(stream.average_rate or 0)
 
     return max(streams, key=frames, default=None)

@@ -96,12 +96,12 @@ class FrameConverter:
         has another size than the first one.
         """
         options, components = self._options, decoded.format.components
-        has_alpha = any(one.is_alpha for one in components) and not options.ignore_alpha
+        has_alpha = any(component.is_alpha for component in components) and not options.ignore_alpha
         try:
             pixels = rgb_pixels(decoded, self._reformatter, has_alpha=has_alpha)
         except av.FFmpegError as error:
-            told = "a frame cannot be converted; the frames before it are done"
-            raise InputError(told) from error
+            problem = "a frame cannot be converted; the frames before it are done"
+            raise InputError(problem) from error
         pixels = upright(pixels[self._view], self._orientation)
         rgb, warnings = pixels[..., :_RGB], tuple[str, ...]()
         if rgb.shape[:2] != (self.height, self.width):

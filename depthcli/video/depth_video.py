@@ -60,27 +60,27 @@ class DepthVideo:
         }
         size_px = stream.codec_context.width, stream.codec_context.height
         self.labels, self.warnings = metadata.of_size(labels, size_px, self.path.name)
-        stated = self.labels.get
+        label = self.labels.get
         # Matroska stores nanoseconds a frame, which is not exact for some rates.
-        self.rate = frames.parse_rate(stated("frame_rate", "")) or frames.exact_rate(fps or 0)
-        kind = stated("kind")
+        self.rate = frames.parse_rate(label("frame_rate", "")) or frames.exact_rate(fps or 0)
+        kind = label("kind")
         self.kind = DepthKind(kind) if kind in set(DepthKind) else DepthKind.METRIC
         self._stated = metadata.depth_scale(self.labels, scale)
         self.scale = self._stated and self._stated.units_per_metre
-        self._source_rate = frames.parse_rate(stated("source_rate", ""))
-        step = metadata.number(stated("frame_step"))
+        self._source_rate = frames.parse_rate(label("source_rate", ""))
+        step = metadata.number(label("frame_step"))
         self._step = None if self._source_rate and step is None else int(step or 1)
         time_code = None
         if self._source_rate is not None:
-            time_code = frames.parse_time_code(stated("time_code", ""), self._source_rate)
+            time_code = frames.parse_time_code(label("time_code", ""), self._source_rate)
         elif self.rate is not None:  # of another program
             self._source_rate = self.rate
             time_code = frames.header_time_code(container, stream, self.rate)
         self._first = Frame(
             np.zeros((1, 1), np.uint8),
-            index=int(metadata.number(stated("first_frame")) or 0),
+            index=int(metadata.number(label("first_frame")) or 0),
             rate=self._source_rate,  # which the numbers count
-            pixel_aspect=metadata.pixel_aspect_in(stated("pixel_aspect")),
+            pixel_aspect=metadata.pixel_aspect_in(label("pixel_aspect")),
             time_code=time_code,
         )
         container.close()
@@ -106,7 +106,7 @@ class DepthVideo:
         first_s, last = None, self._first.index - 1
         origin = _ORIGIN.fullmatch(self.labels.get("display_origin", ""))
         code, rate = self._first.time_code, self._source_rate
-        for count, (stated, read_s, steps) in enumerate(self._timed_steps()):
+        for count, (number, read_s, steps) in enumerate(self._timed_steps()):
             values = (
                 metadata.denormalized(steps, 0, 1)
                 if scale is None
@@ -119,7 +119,7 @@ class DepthVideo:
             depth = DepthMap(values, self.kind, replace(source, time_s=time_s))
             counted = self._first.index + (count * self._step if self._step else since_first)
             # No two frames have one number, even if their times are too coarse for it.
-            last = max(counted if stated is None else stated, last + 1)
+            last = max(counted if number is None else number, last + 1)
             windows = None
             if origin is not None:  # of a display window that does not begin at (0, 0)
                 whole = Window(0, 0, depth.width, depth.height)
@@ -162,8 +162,8 @@ class DepthVideo:
                 steps = frame.to_ndarray()
                 first_ticks = first_ticks if count else frame.pts or 0
                 time_s = start_s + float(((frame.pts or 0) - first_ticks) * (frame.time_base or 0))
-                stated = frame.opaque if isinstance(frame.opaque, int) else None
-                yield stated, time_s, np.ascontiguousarray(steps, np.uint16)
+                number = frame.opaque if isinstance(frame.opaque, int) else None
+                yield number, time_s, np.ascontiguousarray(steps, np.uint16)
                 count += 1
             self._check(decoder, count)
             if decoder.ended_early or is_incomplete_matroska(self.path, container):

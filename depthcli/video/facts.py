@@ -40,10 +40,10 @@ def focal_lengths(
     equivalent_mm = lens_mm = None
     for key, text in tags.items():
         if key.lower().endswith(_FOCAL_35MM):
-            found = _LENGTH.fullmatch(text.strip())
-            equivalent_mm = float(found[1]) or None if found else None
-        elif _LENS.search(key) and (found := _LENS_LENGTH.search(text)):
-            lens_mm = float(found[1])
+            match = _LENGTH.fullmatch(text.strip())
+            equivalent_mm = float(match[1]) or None if match else None
+        elif _LENS.search(key) and (match := _LENS_LENGTH.search(text)):
+            lens_mm = float(match[1])
     return equivalent_mm, lens_mm
 
 
@@ -120,11 +120,11 @@ def camera_warnings(
             f"each frame holds two views, {layout}, which the network takes for one image",
             "choose one with {eye}",
         )
-    stated = _PROJECTIONS.get(struct.unpack_from("<i", spherical)[0]) if spherical else None
-    if stated is Projection.EQUIRECTANGULAR and projection is None:
+    sphere = _PROJECTIONS.get(struct.unpack_from("<i", spherical)[0]) if spherical else None
+    if sphere is Projection.EQUIRECTANGULAR and projection is None:
         yield PANORAMA
-    elif stated not in {None, projection}:
-        yield f"its frames are a panorama ({stated}), which is taken for another projection"
+    elif sphere not in {None, projection}:
+        yield f"its frames are a panorama ({sphere}), which is taken for another projection"
 
 
 def view_of(frame: VideoFrame, eye: Eye | None) -> tuple[slice, slice]:
@@ -152,7 +152,7 @@ def side_data(frame: VideoFrame, kind: Any) -> bytes | None:  # noqa: ANN401 - P
     """Data of one kind beside a frame; None if there is none, or a kind that PyAV does not know."""
     try:
         beside: Any = frame.side_data  # whose type is stated wrongly
-        found = beside.get(kind)
+        entry = beside.get(kind)
     except ValueError:
         return None
-    return None if found is None else bytes(found)
+    return None if entry is None else bytes(entry)

@@ -111,7 +111,7 @@ def video_format_of(path: str | PurePath) -> VideoFormat | None:
     if name.endswith(VideoFormat.STEREO.facts.suffix):
         return VideoFormat.STEREO
     suffix = PurePath(path).suffix.lower()
-    return next((which for which in VideoFormat if which.facts.file_suffix == suffix), None)
+    return next((format_ for format_ in VideoFormat if format_.facts.file_suffix == suffix), None)
 
 
 def sequence_of(path: str | PurePath) -> VideoFormat | None:
@@ -125,7 +125,7 @@ def video_stem_of(path: str | PurePath) -> str:
 
     What selects no format is part of the name: ``shot.v003`` is its own stem.
     """
-    files = [which.facts for which in VideoFormat if not which.facts.is_sequence]
+    files = [format_.facts for format_ in VideoFormat if not format_.facts.is_sequence]
     chosen = (facts.file_suffix for facts in files if facts.file_suffix)
     return stem_of(path, (*(facts.suffix for facts in files), *chosen))
 
@@ -203,14 +203,14 @@ PREVIEW_CODECS = {
 }  #: codecs of previews by the file's suffix, the default one first
 
 
-def preview_codec(which: VideoFormat, asked: PreviewCodec | None = None) -> PreviewCodec:
+def preview_codec(format_: VideoFormat, codec: PreviewCodec | None = None) -> PreviewCodec:
     """The codec of a preview: the given one, which the container has to hold, or its default."""
-    suffix = PurePath(which.facts.suffix).suffix
+    suffix = PurePath(format_.facts.suffix).suffix
     choices = PREVIEW_CODECS[suffix]
-    if asked is not None and asked not in choices:
+    if codec is not None and codec not in choices:
         names = " or ".join(choices)
-        raise UsageError(f"a {suffix} file holds no {asked}", f"give {{codec}} {names}")
-    return asked or choices[0]
+        raise UsageError(f"a {suffix} file holds no {codec}", f"give {{codec}} {names}")
+    return codec or choices[0]
 
 
 def check_encoder(codec: str) -> None:

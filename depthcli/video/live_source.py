@@ -221,8 +221,8 @@ class LiveSource(FrameSource):
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Convert the newest frame whenever one is asked for; as of :class:`FrameSource`."""
-        for wanted in span.selected(self._numbers_and_times(), is_live=True):
-            if not wanted:
+        for selected in span.selected(self._numbers_and_times(), is_live=True):
+            if not selected:
                 continue
             number, picture = self._current.number, self._current.picture
             try:

@@ -169,8 +169,8 @@ def stamps_a_second(stamp: int) -> int | None:
 def listed_names(folder: Path) -> Iterable[str]:
     """The names in a folder, in the order of their characters; OSError if it has no list."""
     if isinstance(folder, RemotePath):
-        found = () if folder.is_http else folder.walk_names()
-        return (name for name in found if "/" not in name)
+        names = () if folder.is_http else folder.walk_names()
+        return (name for name in names if "/" not in name)
     return sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
 
 
@@ -224,5 +224,5 @@ def segments_pattern(name: str) -> str:
 def next_segment(folder: Path, patterns: Iterable[str]) -> int:
     """The number after the last segment of any of these patterns in a folder; 0 if none."""
     files = os.listdir(folder) if folder.is_dir() else []  # noqa: PTH208 - names
-    found = (number_in(pattern, file) for pattern in patterns for file in files)
-    return max((number + 1 for number in found if number is not None), default=0)
+    numbers = (number_in(pattern, file) for pattern in patterns for file in files)
+    return max((number + 1 for number in numbers if number is not None), default=0)

@@ -257,13 +257,13 @@ def _av_frame(pixels: UInt16Array | UInt8Array, codec: str) -> VideoFrame:
     Pixels are (H, W) uint16 for FFV1, else (H, W, 3) RGB uint8. For codecs with chroma subsampling,
     an odd row or column is doubled.
     """
-    wanted, (height, width) = ENCODINGS[codec].pixel_format, pixels.shape[:2]
-    if wanted == DEPTH_PIXELS:
+    pixel_format, (height, width) = ENCODINGS[codec].pixel_format, pixels.shape[:2]
+    if pixel_format == DEPTH_PIXELS:
         return VideoFrame.from_ndarray(np.ascontiguousarray(pixels, np.uint16), DEPTH_PIXELS)
     odd = (0, height % 2), (0, width % 2), (0, 0)
     even = np.pad(pixels, odd, mode="edge") if height % 2 or width % 2 else pixels
     return VideoFrame.from_ndarray(np.ascontiguousarray(even, np.uint8), "rgb24").reformat(
-        format=wanted,
+        format=pixel_format,
         dst_colorspace=Colorspace.ITU709,
         dst_color_range=ColorRange.MPEG,
         dst_color_trc=None,
@@ -334,8 +334,8 @@ class DepthVideoOutput(VideoFile):
         labels.pop("time_s", None)  # each frame has its own
         if frame.depth.is_metric:
             labels["unit"] = step_unit(self._scale)
-        own = {f"{LABEL_PREFIX}{name.upper()}": text for name, text in labels.items()}
-        return own | time_code_label(frame.image.time_code, self._timing)
+        tags = {f"{LABEL_PREFIX}{name.upper()}": text for name, text in labels.items()}
+        return tags | time_code_label(frame.image.time_code, self._timing)
 
 
 class PreviewVideoOutput(VideoFile):
@@ -369,7 +369,7 @@ class PreviewVideoOutput(VideoFile):
 
 
 def video_file(
-    which: VideoFormat,
+    format_: VideoFormat,
     target: Path | OutputPipe,
     timing: Timing,
     guard: Guard | None,
@@ -381,10 +381,10 @@ def video_file(
 
     ``codec`` and ``audio`` are for the latter two; None for the usual codec, and for no sound.
     """
-    if which.facts.image is None:
+    if format_.facts.image is None:
         return DepthVideoOutput(target, timing, writing, guard)
-    writer = cast("PreviewWriter | StereoWriter", writing.writer(which.facts.image))
-    chosen = preview_codec(which, codec)
+    writer = cast("PreviewWriter | StereoWriter", writing.writer(format_.facts.image))
+    chosen = preview_codec(format_, codec)
     return PreviewVideoOutput(target, timing, writer, guard, codec=chosen, audio=audio)
 
 
@@ -415,9 +415,9 @@ class SequenceOutput(VideoOutput):
 
     def finish(self) -> tuple[str, ...]:
         """Return the first warning, with their number."""
-        told = self._warnings
-        first = about(f"{self._image}: {told.count} frames, the first", told.first)
-        return (first,) if told.count else ()
+        warnings = self._warnings
+        first = about(f"{self._image}: {warnings.count} frames, the first", warnings.first)
+        return (first,) if warnings.count else ()
 
 
 class SegmentedOutput(VideoOutput):
@@ -464,8 +464,8 @@ class SegmentedOutput(VideoOutput):
 
     def finish(self) -> tuple[str, ...]:
         """Complete the last segment, and return the first warning of all, with their number."""
-        told = self._warnings
-        told.add(self._output.finish())
-        if told.count <= 1:
-            return (told.first,) * told.count
-        return (about(f"{told.count} segments, the first", told.first),)
+        warnings = self._warnings
+        warnings.add(self._output.finish())
+        if warnings.count <= 1:
+            return (warnings.first,) * warnings.count
+        return (about(f"{warnings.count} segments, the first", warnings.first),)

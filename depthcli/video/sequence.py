@@ -48,11 +48,11 @@ class ImageSequence(FrameSource):
         self._files = files
         self._max_pixels, self._options = max_pixels, options
         self._overscan: Window | None = None  # that of the first image
-        stated = rate or stated_rate(self.paths)
-        self.rate = stated or FALLBACK_RATE
+        file_rate = rate or stated_rate(self.paths)
+        self.rate = file_rate or FALLBACK_RATE
         self.tick_s = Fraction(1, self.rate.numerator)
         self.frames_stated = len(self._files)
-        self.warnings = tuple(self._warnings(is_timed=stated is not None))
+        self.warnings = tuple(self._warnings(is_timed=file_rate is not None))
 
     @property
     def numbers_stated(self) -> tuple[int, int]:
@@ -61,19 +61,19 @@ class ImageSequence(FrameSource):
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Read the images of a span; ``index`` is the number in the name."""
-        cut, told, sizes_px = 0, self.warnings, None
+        cut, warnings, sizes_px = 0, self.warnings, None
         for frame in self._readable(span):
             found_px = (frame.width, frame.height), frame.display_size_px
             if sizes_px is None:
                 sizes_px, self._overscan = found_px, _overscan(frame)
-                told += tuple(about(str(frame.path), warning) for warning in frame.warnings)
-                self.warnings = told
+                warnings += tuple(about(str(frame.path), warning) for warning in frame.warnings)
+                self.warnings = warnings
             if found_px != sizes_px:
                 self.problem = f"{frame.path} has another size; the images before it are done"
                 return
             if frame.windows and frame.windows.valid != frame.windows.data:
                 cut += 1
-                self.warnings = (*told, f"{_CUT}: {cut}, the last of them: {frame.path}")
+                self.warnings = (*warnings, f"{_CUT}: {cut}, the last of them: {frame.path}")
             yield frame
 
     def _readable(self, span: Span) -> Iterator[Frame]:
@@ -85,8 +85,8 @@ class ImageSequence(FrameSource):
                     yield self._read(file)
             except InputError as error:
                 unreadable.append(file.number)
-                which = f"{len(unreadable)} of its images cannot be read ({_listed(unreadable)})"
-                self.problem = f"{which}, the last of them: {error}"
+                problem = f"{len(unreadable)} of its images cannot be read ({_listed(unreadable)})"
+                self.problem = f"{problem}, the last of them: {error}"
 
     def _selected(self, span: Span) -> Iterator[bool]:
         """Whether each image is in a span."""

@@ -146,8 +146,8 @@ class VideoSource(clock.FrameSource):
         return self._frames(span)
 
     def _frames(self, span: clock.Span) -> Iterator[Frame]:
-        for wanted in span.selected(self._numbers_and_times()):
-            if not wanted:
+        for selected in span.selected(self._numbers_and_times()):
+            if not selected:
                 continue
             place, code = self._timeline, self._time_code
             since_first = round(place.time_s * self.rate)
@@ -201,17 +201,19 @@ class VideoSource(clock.FrameSource):
         self._timeline.end(self._decoder.pop_failed())
         self._report_lost()
         read = self._timeline.index + 1
-        stated, self.frames_stated = self.frames_stated, read
+        container_count, self.frames_stated = self.frames_stated, read
         is_incomplete = self._decoder.ended_early or (
             self._path is not None and is_incomplete_matroska(self._path, self._container)
         )
         # In MP4, an edit list may hide frames, and its demuxer reports a missing end.
-        stated = stated if self._container.format.name == _AVI else None
+        container_count = container_count if self._container.format.name == _AVI else None
         # By the time of the last frame: the stated number includes dropped frames, without data.
         end = round(self._timeline.time_s * self.rate) + 1
-        short = stated is not None and stated - end > max(1, stated // _MISSING_SHARE)
+        short = container_count is not None and container_count - end > max(
+            1, container_count // _MISSING_SHARE
+        )
         if short or is_incomplete:
-            of = "" if stated is None else f" of {stated}"
+            of = "" if container_count is None else f" of {container_count}"
             self.problem = f"it is truncated or damaged: it ends after {read}{of} frames"
 
     def _report_lost(self) -> None:

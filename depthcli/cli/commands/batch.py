@@ -144,7 +144,7 @@ def batch(
     detail: groups.MapOptions,
     writing: groups.WritingOptions,
     screen: groups.ScreenOptions,
-    given: Given,
+    explicit: Given,
 ) -> int:
     """Estimate depth for all images and videos in a folder tree, or in a list.
 
@@ -186,7 +186,7 @@ def batch(
         may_spawn=True,
     )
     if not screen.quiet:
-        console.warn_all(parse.unused_by_outputs(given, formats, options.writing))
+        console.warn_all(parse.unused_by_outputs(explicit, formats, options.writing))
         if inputs.watch and not output.dry_run:
             console.note(f"watching {folder}; Ctrl-C ends")
     if output.dry_run:
@@ -227,10 +227,10 @@ def _changes(
         raise UsageError(f"{folder} is not a local folder", option="watch")
     from depthcli.jobs.batch.watch import FolderChanges
 
-    wanted = NameFilter.of(inputs.include or (), inputs.exclude or ())
-    found = FolderChanges(folder, out, wanted)
+    names_filter = NameFilter.of(inputs.include or (), inputs.exclude or ())
+    changes = FolderChanges(folder, out, names_filter)
     return lambda stop: (
-        plan_files(names, folder, folder, out, wanted) for names in found.wait(stop)
+        plan_files(names, folder, folder, out, names_filter) for names in changes.wait(stop)
     )
 
 
@@ -271,19 +271,19 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
     shard = WHOLE if inputs.shard is None else Shard.parse(inputs.shard)
     if not out:
         raise UsageError("", "name the folder for outputs with {out}")
-    wanted = NameFilter.of(inputs.include or (), inputs.exclude or ())
-    known = read_cameras(cameras) if cameras is not None else None
+    names_filter = NameFilter.of(inputs.include or (), inputs.exclude or ())
+    table = read_cameras(cameras) if cameras is not None else None
     archive = next((x for x in (folder, files) if x and holds_images(path_of(x), column)), None)
     if archive is not None:
         root = str(path_of(archive).parent)
-        return plan_files([archive], archive, root, out, wanted, shard, known)
+        return plan_files([archive], archive, root, out, names_filter, shard, table)
     if column is not None and files in (None, _STDIO):
         raise UsageError("", "{column} is for a Parquet or CSV file: name it with {files}")
     if files is None and folder is None:
         raise UsageError("", "name a folder, or give a list with {files}")
     if files is None:
-        return plan_folder(folder or "", out, wanted, shard, known)
+        return plan_folder(folder or "", out, names_filter, shard, table)
     with os_errors_as(UsageError, "cannot read the list from standard input"):
         stdin = sys.stdin.buffer.read() if files == _STDIO else b""
     words = path_list.parse_list(stdin) if files == _STDIO else path_list.read_list(files, column)
-    return plan_files(words, files, folder, out, wanted, shard, known)
+    return plan_files(words, files, folder, out, names_filter, shard, table)

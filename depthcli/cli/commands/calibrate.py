@@ -40,7 +40,7 @@ def calibrate(
         None, metavar="[IMG...]", help="Images of the camera."
     ),
     *,
-    known: KnownOptions,
+    truth: KnownOptions,
     camera: options.LensOptions,
     model: options.ModelOptions,
     screen: options.ScreenOptions,
@@ -57,21 +57,21 @@ def calibrate(
     from depthcli.jobs.calibrate import calibrate as measure
 
     seen_by, count = parse.camera(camera), len(images or ())
-    anchors = parse.anchors(known, seen_by, is_folder=count > 1)
-    sources = [known.pairs is not None, bool(anchors), known.known_object is not None]
+    anchors = parse.anchors(truth, seen_by, is_folder=count > 1)
+    sources = [truth.pairs is not None, bool(anchors), truth.known_object is not None]
     if sum(sources) != 1:
         raise UsageError("", "give one of {anchor}, {anchors}, {pairs} and {known_object}")
-    if (known.pairs is None) == (count == 0):
+    if (truth.pairs is None) == (count == 0):
         raise UsageError("", "name images of the camera, or a folder of {pairs}")
-    if count > 1 and not known.anchors:
+    if count > 1 and not truth.anchors:
         raise UsageError("", "{anchor} and {known_object} are for one image")
     request = CalibrationRequest(
         name,
         pipeline=Pipeline(parse.session_loader(model.model, model.runtime).load()),
         images=tuple(images or ()),
-        pairs=known.pairs,
+        pairs=truth.pairs,
         anchors=anchors,
-        known_object=None if known.known_object is None else _object(known.known_object),
+        known_object=None if truth.known_object is None else _object(truth.known_object),
         camera=seen_by,
     )
     done = measure(request)
@@ -85,8 +85,8 @@ def calibrate(
         error = f"; error {done.before:.1%} before{left_out}"
         shift = f", shift {scale.shift_m:+.3f} m" if scale.shift_m else ""
         source = f"known depths: {scale.points}, images: {scale.images}"
-        told = f"scale {scale.scale:.4f}{shift} for model {scale.model}"
-        console.out(f"{name} -> {path}  {told}, {source}{error}")
+        summary = f"scale {scale.scale:.4f}{shift} for model {scale.model}"
+        console.out(f"{name} -> {path}  {summary}, {source}{error}")
         console.warn_all(done.warnings)
     return ExitCode.OK
 
@@ -99,5 +99,5 @@ def _object(word: str) -> KnownObject:
         return x0 < x1 and y0 < y1 and height_m > 0
 
     example = "310,120,360,420,1.75"
-    found = parse.numbers(word, "X0,Y0,X1,Y1,METRES", example, holds, "known_object")
-    return KnownObject(*found)
+    numbers = parse.numbers(word, "X0,Y0,X1,Y1,METRES", example, holds, "known_object")
+    return KnownObject(*numbers)

@@ -81,7 +81,7 @@ def convert(
     read: groups.ReadOptions,
     writing: groups.WritingOptions,
     screen: groups.ScreenOptions,
-    given: Given,
+    explicit: Given,
 ) -> int:
     """Convert a depth file, depth video, sequence or folder, and report the round-trip error.
 
@@ -98,8 +98,8 @@ def convert(
     if (target is None) == (out is None):
         raise UsageError(f"name one output: depthcli convert {safe_name(source)} OUT")
     output = target or out or ""
-    found = None if form else video_format_of(output)
-    as_video = found if found in VIDEOS else None
+    video_format = None if form else video_format_of(output)
+    as_video = video_format if video_format in VIDEOS else None
     is_many = as_video is None and is_sequence(source)
     is_numbered = is_pattern(path_of(output).name)
     is_folder = is_many and not is_numbered and path_of(source).is_dir()
@@ -113,7 +113,7 @@ def convert(
     if not screen.quiet:
         console.warn_all(seen_by.warnings)
         of_camera = _CAMERA if depth_file.from_kind in _OF_CAMERA else ()
-        written = {name: word for name, word in given.items() if name not in of_camera}
+        written = {name: word for name, word in explicit.items() if name not in of_camera}
         unused = parse.unused_by_outputs(written, [format_], options, used_by=FORMAT_OPTIONS)
         console.warn_all(unused)
     count = share_cores(workers)[0]

@@ -28,8 +28,8 @@ def info(
     facts = inspect_file(file, parse.depth_reading(depth_file, parse.camera(camera)))
     warnings: Any = facts.get("warnings", ())
     if as_json:
-        told = [console.worded(warning) for warning in warnings]
-        console.out_json(facts | ({"warnings": told} if "warnings" in facts else {}))
+        texts = [console.worded(warning) for warning in warnings]
+        console.out_json(facts | ({"warnings": texts} if "warnings" in facts else {}))
     else:
         console.warn_all(warnings)
         _show({name: value for name, value in facts.items() if name != "warnings"})

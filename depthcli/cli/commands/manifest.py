@@ -28,9 +28,9 @@ def show_summary(out: _Manifest, as_json: JsonOption = False) -> int:
     console.out(f"{sums.inputs} inputs: {sums.inputs - sums.failed} ok, {sums.failed} failed")
     console.out(f"{sums.outputs} outputs, {sums.output_bytes / 1e6:.1f} MB")
     console.out(f"{sums.seconds:.1f} s of processing time")
-    for one in sums.models:
-        by = f"model {one.model} ({one.model_sha256[:12]}), depthcli {one.version}"
-        console.out(one_line(f"{one.inputs} by {by}"))
+    for model in sums.models:
+        by = f"model {model.model} ({model.model_sha256[:12]}), depthcli {model.version}"
+        console.out(one_line(f"{model.inputs} by {by}"))
     return ExitCode.OK
 
 

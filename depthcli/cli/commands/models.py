@@ -78,8 +78,8 @@ def add_model_file(
         added |= {"license": model.card.license}
         added |= {"url": str(published.url)} if published else {}
         if check is not None:
-            stated = {"run_with_weights": check.run_with_weights, "verified": check.verified}
-            added["preprocessing"] = stated | {"check": check_command(model.card)}
+            extra_fields = {"run_with_weights": check.run_with_weights, "verified": check.verified}
+            added["preprocessing"] = extra_fields | {"check": check_command(model.card)}
         console.out_json(added)
         return ExitCode.OK
     if quiet:
@@ -139,10 +139,10 @@ def list_cards(
         facts = (output_text(card), card.license, was_run, verification_text(card))
         rows.append((name, *facts, page, card.summary))
         if as_json:
-            stated = {"license": card.license, "summary": card.summary}
+            details = {"license": card.license, "summary": card.summary}
             weights = json.loads(card.to_json()).get("weights", {})
-            own = {"name": name, "kind": card.output.kind.value, **stated, "weights": weights}
-            console.out_json(own | dict(card.training))
+            record = {"name": name, "kind": card.output.kind.value, **details, "weights": weights}
+            console.out_json(record | dict(card.training))
         elif names:
             console.out(card_text(card))
     if as_json or names:
@@ -254,20 +254,20 @@ def verify(
     from depthcli.jobs.models import verify_models
 
     code = ExitCode.OK
-    for name, found in verify_models(models or ()):
+    for name, outcome in verify_models(models or ()):
         facts: dict[str, object] = {"name": name}
-        if isinstance(found, DepthcliError):
+        if isinstance(outcome, DepthcliError):
             code = ExitCode.FAILURE
-            facts |= {"status": "failed", "error": console.worded(found.message)}
+            facts |= {"status": "failed", "error": console.worded(outcome.message)}
         else:
-            facts |= {"status": "ok", "path": str(found.path), "sha256": found.sha256}
-            facts["bytes"] = found.size_bytes
+            facts |= {"status": "ok", "path": str(outcome.path), "sha256": outcome.sha256}
+            facts["bytes"] = outcome.size_bytes
         if as_json:
             console.out_json(facts)
-        elif isinstance(found, DepthcliError):
-            console.error(found.message)
+        elif isinstance(outcome, DepthcliError):
+            console.error(outcome.message)
         else:
-            console.out(f"{one_line(name)}: ok, sha256 {found.sha256}")
+            console.out(f"{one_line(name)}: ok, sha256 {outcome.sha256}")
     return code
 
 

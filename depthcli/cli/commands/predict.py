@@ -49,7 +49,7 @@ def predict(
     detail: options.MapOptions,
     writing: options.WritingOptions,
     screen: options.ScreenOptions,
-    given: Given,
+    explicit: Given,
 ) -> int:
     """Estimate depth from one or more images.
 
@@ -67,7 +67,7 @@ def predict(
     if screen.as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     destination = picture_destination(output.out, output.formats or (), sidecar=output.sidecar)
-    pictures, own = split_own_outputs(images)
+    pictures, skipped = split_own_outputs(images)
     request = PredictRequest(
         pictures=tuple(pictures),
         destination=destination,
@@ -78,8 +78,8 @@ def predict(
     results = job.predict(request)
     if not screen.quiet:
         console.warn_all(request.warnings)
-        console.warn_all(parse.unused_by_outputs(given, destination.wanted, request.writing))
-        console.warn_all(f"{safe_name(name)} was written by depthcli; skipped" for name in own)
+        console.warn_all(parse.unused_by_outputs(explicit, destination.wanted, request.writing))
+        console.warn_all(f"{safe_name(name)} was written by depthcli; skipped" for name in skipped)
     from depthcli.cli.screen.results import print_result
     from depthcli.jobs.image import FailedInput
 

@@ -37,19 +37,19 @@ def probe(
     options = parse.depth_reading(depth_file, parse.camera(camera))
     stored = read_map(path_of(file), options)
     depth = stored.displayed
-    found: list[float | AreaDepth | None] = []
+    depths: list[float | AreaDepth | None] = []
     for area in areas:
         match area:
             case (x, y):
-                found.append(depth_at(depth, x, y))
+                depths.append(depth_at(depth, x, y))
             case (left, top, right, bottom):
-                found.append(depth_in(depth, (left, top, right, bottom)))
+                depths.append(depth_in(depth, (left, top, right, bottom)))
             case _:
-                found.append(depth_in(depth, read_mask(str(area))))
+                depths.append(depth_in(depth, read_mask(str(area))))
     for warning in stored.warnings_with_scale("from_scale"):
         console.warn(warning)
     unit = depth.unit
-    for word, area, value in zip(places, areas, found, strict=True):
+    for word, area, value in zip(places, areas, depths, strict=True):
         name = word if isinstance(area, str) else ",".join(map(str, area))
         if not as_json:
             console.out(one_line(f"{name}  {_text(value, unit)}"))
@@ -61,15 +61,15 @@ def probe(
     return ExitCode.OK
 
 
-def _text(found: float | AreaDepth | None, unit: str | None) -> str:
-    if found is None:
+def _text(value: float | AreaDepth | None, unit: str | None) -> str:
+    if value is None:
         return "no depth"
-    if isinstance(found, float):
-        return f"{found:.4g} {unit}" if unit else f"{found:.6g} (no unit)"
-    if found.quantiles["median"] is None:
-        return f"no depth in {found.pixels} pixels"
-    values = (f"{k} {v:.4g}" for k, v in found.quantiles.items() if v is not None)
+    if isinstance(value, float):
+        return f"{value:.4g} {unit}" if unit else f"{value:.6g} (no unit)"
+    if value.quantiles["median"] is None:
+        return f"no depth in {value.pixels} pixels"
+    values = (f"{k} {v:.4g}" for k, v in value.quantiles.items() if v is not None)
     return (
-        f"{', '.join(values)} {unit or '(no unit)'} in {found.pixels} pixels, "
-        f"{found.without_depth:.1%} without depth"
+        f"{', '.join(values)} {unit or '(no unit)'} in {value.pixels} pixels, "
+        f"{value.without_depth:.1%} without depth"
     )

@@ -135,26 +135,26 @@ _command = command_of(_options)
 def parse_request(query: Sequence[tuple[str, str]]) -> Asked:
     """Options of a request by the names of ``predict``, such as ``focal_px``."""
     try:
-        asked: Asked = _command.main(
+        request: Asked = _command.main(
             list(_words(query)), prog_name="/predict", standalone_mode=False
         )
     except Exception as error:
         if hasattr(error, "format_message"):  # typer's own errors, all about usage
             raise UsageError(error.format_message().strip().replace("--", "")) from error
         raise
-    return asked
+    return request
 
 
 def _words(query: Sequence[tuple[str, str]]) -> Iterator[str]:
-    known = {
+    parameters = {
         parameter.opts[-1].removeprefix("--").replace("-", "_"): parameter
         for parameter in _command.params
         if parameter.name not in _REFUSED
     }
     for name, value in query:
-        parameter = known.get(name.replace("-", "_"))
+        parameter = parameters.get(name.replace("-", "_"))
         if parameter is None:
-            names = ", ".join(sorted(known))
+            names = ", ".join(sorted(parameters))
             raise UsageError(f"no option named {name!r}: there are {names}")
         option = parameter.opts[-1]
         if not getattr(parameter, "is_flag", False):

@@ -165,7 +165,7 @@ def video(
     writing: groups.WritingOptions,
     preview: PreviewVideoOptions,
     screen: groups.ScreenOptions,
-    given: Given,
+    explicit: Given,
 ) -> int:
     """Estimate depth for every frame of a video.
 
@@ -231,7 +231,7 @@ def video(
         console.warn_all(settings.camera.warnings)
         formats = [*destination.wanted, *([] if page is None else [VideoFormat.MP4])]
         how = settings.writing, FORMAT_OPTIONS
-        console.warn_all(parse.unused_by_outputs(given, formats, *how))
+        console.warn_all(parse.unused_by_outputs(explicit, formats, *how))
     result: VideoResult | FailedInput
     try:
         with (

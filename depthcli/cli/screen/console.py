@@ -39,14 +39,14 @@ _bars: list[Progress] = []  #: the active progress bar, if there is one
 
 
 @contextmanager
-def above(shown: Progress) -> Iterator[None]:
+def above(bar: Progress) -> Iterator[None]:
     """Print lines above a progress bar, which is cleared if the process ends."""
-    _bars.append(shown)
+    _bars.append(bar)
     try:
         with exit_hook(_clear_bar):
             yield
     finally:
-        _bars.remove(shown)
+        _bars.remove(bar)
 
 
 def _clear_bar() -> None:
@@ -96,13 +96,13 @@ def error(text: str) -> None:
 
 def _write_line(stream: TextIO, text: str) -> None:
     """Write a line; control characters, and those that cannot be encoded, are escaped."""
-    text = re.sub(_CONTROL, lambda found: one_line(found[0]), text)
-    shown = _bars[-1].console if _bars and stream.isatty() else None
+    text = re.sub(_CONTROL, lambda match: one_line(match[0]), text)
+    bar_console = _bars[-1].console if _bars and stream.isatty() else None
     # Rich's replacement of standard error has no encoding.
-    encoding = (cast("TextIO", shown.file) if shown else stream).encoding or "ascii"
+    encoding = (cast("TextIO", bar_console.file) if bar_console else stream).encoding or "ascii"
     text = text.encode(encoding, "backslashreplace").decode(encoding)
-    if shown:
-        shown.print(text, markup=False, highlight=False, emoji=False, soft_wrap=True)
+    if bar_console:
+        bar_console.print(text, markup=False, highlight=False, emoji=False, soft_wrap=True)
         return
     try:
         stream.write(text + "\n")

@@ -28,16 +28,16 @@ class Stage:
         note: text after rate and remaining time.
     """
 
-    def __init__(self, what: str, total: int | None, unit: str, shown: ProgressDisplay) -> None:
+    def __init__(self, what: str, total: int | None, unit: str, display: ProgressDisplay) -> None:
         self.note = ""
         self._what = one_line(what)
-        self._total, self._shown = total, shown
+        self._total, self._shown = total, display
         self._per_second = f" {unit}/s" if unit else "/s"
         self._done = self._skipped = 0.0
         self._start_s = self._shown_s = time.monotonic()
-        if shown.bars is not None:
-            self._task = shown.bars.add_task(self._what, total=total, speed="")
-            shown.bars.refresh()
+        if display.bars is not None:
+            self._task = display.bars.add_task(self._what, total=total, speed="")
+            display.bars.refresh()
 
     def __call__(self, count: float) -> None:
         """Advance by ``count`` units."""

@@ -118,7 +118,7 @@ def _warn_of_loops(loops: Iterable[str]) -> None:
 def print_dry_run(results: Iterable[DryRunResult], plan: BatchPlan, *, as_json: bool) -> int:
     """Print what would be done for each input, and the counts; the number that would fail."""
     console.warn_all(plan.warnings)
-    planned = ((one.would, one.input, one.outputs, one.error) for one in results)
+    planned = ((row.would, row.input, row.outputs, row.error) for row in results)
     skipped = (("skip", file.name, (), file.reason) for file in plan.skipped)
     counts: Counter[str] = Counter()
     for would, name, outputs, problem in chain(planned, skipped):
@@ -156,12 +156,12 @@ def print_result(
     if isinstance(result, FailedInput):
         print_failed(result, as_json=screen.as_json)
         return
-    known: Any = result
+    outcome: Any = result
     is_picture = isinstance(result, PredictResult)
     if screen.as_json:
-        console.out_json(picture_json(known) if is_picture else video_json(known))
+        console.out_json(picture_json(outcome) if is_picture else video_json(outcome))
     elif not screen.quiet:
-        text = picture_text(known) if is_picture else video_text(known)
+        text = picture_text(outcome) if is_picture else video_text(outcome)
         (console.note if to_stderr else console.out)(text)
         console.warn_all(result.warnings, name=result.name)
     if not isinstance(result, PredictResult) and result.problem:

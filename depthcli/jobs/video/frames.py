@@ -85,10 +85,10 @@ class FramePredictor:
         aspect = camera.pixel_aspect or image.pixel_aspect
         image = undistorted(replace(image, pixel_aspect=aspect), camera)
         # The first frame is always predicted, for the report.
-        kept = self.journal.depth(image.index) if image.index != self.clock.first else None
+        written = self.journal.depth(image.index) if image.index != self.clock.first else None
         unfitted, warnings = None, tuple[str, ...]()
-        if kept is not None:
-            depth = DepthMap(kept, self.kind)
+        if written is not None:
+            depth = DepthMap(written, self.kind)
         else:
             done, unfitted = self._fitted(types.seen_frame(image))
             depth, of_video = done.whole, {*done.shared, *image.warnings}
@@ -96,12 +96,12 @@ class FramePredictor:
             if self.scale is not None:
                 values = dequantized(quantized(depth.values, self.scale)[0], self.scale)
                 depth = replace(depth, values=values)
-        depth, shown = _in_windows(depth, image.windows, is_kept=kept is not None)
+        depth, displayed = _in_windows(depth, image.windows, is_kept=written is not None)
         thumbnail = temporal.thumbnail(image.pixels)
-        small = DepthMap(temporal.sample_cells(shown, thumbnail.shape), depth.kind)
+        small = DepthMap(temporal.sample_cells(displayed, thumbnail.shape), depth.kind)
         if self.settings.smooth_s:
             depth = replace(depth, values=temporal.to_log(depth))
-        frame = DepthFrame(image, depth, percentiles(small), is_kept=kept is not None)
+        frame = DepthFrame(image, depth, percentiles(small), is_kept=written is not None)
         return PredictedFrame(frame, unfitted, thumbnail, temporal.to_log(small), warnings)
 
     def _fitted(self, image: Frame) -> tuple[ImageResult, str | None]:
@@ -144,8 +144,8 @@ class VideoReport:
 
     def begin(self, frame: DepthFrame, warnings: Iterable[str]) -> None:
         """Note the first frame, with depth as it is written."""
-        shown = frame.displayed()
-        self.first = (replace(shown.image, pixels=np.zeros((1, 1), np.uint8)), shown.depth)
+        displayed = frame.displayed()
+        self.first = (replace(displayed.image, pixels=np.zeros((1, 1), np.uint8)), displayed.depth)
         self.warnings = tuple(about(f"frame {frame.image.index}", text) for text in warnings)
 
 

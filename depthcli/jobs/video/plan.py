@@ -51,8 +51,8 @@ class VideoSettings(MapOptions):
 
 def _of_name(name: str) -> VideoFormat | None:
     """The format of a video, or of numbered files, that a file's suffix chooses."""
-    found = formats.video_format_of(name) or _of_pattern(name)
-    return None if found is VideoFormat.JSON else found
+    format_ = formats.video_format_of(name) or _of_pattern(name)
+    return None if format_ is VideoFormat.JSON else format_
 
 
 def _of_pattern(name: str) -> VideoFormat | None:
@@ -72,7 +72,7 @@ _RULES = FormatRules(
 
 
 def video_destination(
-    output: str | None = None, asked: Sequence[VideoFormat] = (), *, sidecar: bool = False
+    output: str | None = None, formats_: Sequence[VideoFormat] = (), *, sidecar: bool = False
 ) -> Destination[VideoFormat]:
     """Where the outputs of a video go, and their formats.
 
@@ -81,11 +81,11 @@ def video_destination(
     None for the video's own folder. By default, the formats are that of its suffix, else depth and
     a preview. UsageError as of :meth:`Destination.parse`, or if JSON is the only format.
     """
-    wanted = [which for which in asked if which is not VideoFormat.JSON]
-    if asked and not wanted:
+    chosen = [format_ for format_ in formats_ if format_ is not VideoFormat.JSON]
+    if formats_ and not chosen:
         raise UsageError("json only describes other outputs", "give another {format} with it")
-    json_ = VideoFormat.JSON if sidecar or VideoFormat.JSON in asked else None
-    return Destination.parse(output, wanted, _RULES, json_)
+    json_ = VideoFormat.JSON if sidecar or VideoFormat.JSON in formats_ else None
+    return Destination.parse(output, chosen, _RULES, json_)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,17 +126,19 @@ class VideoPlan:
         """Options that affect the outputs."""
         return self.request.settings
 
-    def path(self, which: VideoFormat, segment: int | None = None) -> Path:
+    def path(self, format_: VideoFormat, segment: int | None = None) -> Path:
         """The output path of a format, or of one of its segments."""
-        name = self.names[which]
+        name = self.names[format_]
         return self.folder / (name if segment is None else numbering.numbered_name(name, segment))
 
-    def target(self, which: VideoFormat, segment: int | None = None) -> Path | container.OutputPipe:
+    def target(
+        self, format_: VideoFormat, segment: int | None = None
+    ) -> Path | container.OutputPipe:
         """The output path of a format, or of one of its segments, or standard output."""
         if self.request.destination.kind is not Kind.STDOUT:
-            return self.path(which, segment)
+            return self.path(format_, segment)
         stream = self.request.stdout or sys.stdout.buffer
-        return container.OutputPipe(stream, PurePath(which.facts.suffix).suffix)
+        return container.OutputPipe(stream, PurePath(format_.facts.suffix).suffix)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +169,7 @@ class VideoResult:
     @property
     def outputs(self) -> tuple[str, ...]:
         """The files written; a sequence's with ``%06d`` for the frame's number."""
-        return tuple(str(self.plan.path(which)) for which in self.plan.names)
+        return tuple(str(self.plan.path(format_)) for format_ in self.plan.names)
 
     @property
     def frames(self) -> int:
@@ -285,13 +287,13 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         if destination.kind in {Kind.BESIDE, Kind.FOLDER}:
             base = base / (_LIVE if request.live is not None else video_base(file))
         folder = base.parent
-        names = {which: path.name for which, path in destination.outputs(base).items()}
+        names = {format_: path.name for format_, path in destination.outputs(base).items()}
     first_segment = 0
     if request.settings.segment_s is not None:
         names, first_segment = _segments(names, folder, request)
-    for which in names:
-        if which.facts.is_preview:
-            formats.preview_codec(which, request.codec)
+    for format_ in names:
+        if format_.facts.is_preview:
+            formats.preview_codec(format_, request.codec)
     plan = VideoPlan(
         name=paths.safe_name(name),
         source=file
@@ -315,21 +317,23 @@ def _segments(
 
     Those of a stream follow the ones that an earlier run wrote, which cannot be made again.
     """
-    videos = [which for which in names if which.facts.is_preview or which is VideoFormat.MKV]
+    videos = [
+        format_ for format_ in names if format_.facts.is_preview or format_ is VideoFormat.MKV
+    ]
     if not videos or STDIO in names.values() or isinstance(folder, paths.RemotePath):
         problem = "only video files in a local folder have a limited length"
         raise UsageError(problem, "choose another {out}", option="segment")
     named = {
-        which: numbering.segments_pattern(name) if which in videos else name
-        for which, name in names.items()
+        format_: numbering.segments_pattern(name) if format_ in videos else name
+        for format_, name in names.items()
     }
     if request.live is None:
         return named, 0
-    return named, numbering.next_segment(folder, [named[which] for which in videos])
+    return named, numbering.next_segment(folder, [named[format_] for format_ in videos])
 
 
-def _stdout_name(wanted: Sequence[VideoFormat]) -> dict[VideoFormat, str]:
-    if len(wanted) > 1 or wanted[0] in SEQUENCES:
-        problem = f"'-' takes one of mkv, mp4, webm, mov and stereo, not {' and '.join(wanted)}"
+def _stdout_name(formats_: Sequence[VideoFormat]) -> dict[VideoFormat, str]:
+    if len(formats_) > 1 or formats_[0] in SEQUENCES:
+        problem = f"'-' takes one of mkv, mp4, webm, mov and stereo, not {' and '.join(formats_)}"
         raise UsageError(problem, "name a folder", option="out")
-    return {wanted[0]: STDIO}
+    return {formats_[0]: STDIO}

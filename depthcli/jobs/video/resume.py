@@ -70,7 +70,7 @@ class FrameJournal:
         """
         if self._plan is None or number not in self.earlier:
             return None
-        names = [self._plan.names.get(VideoFormat(which)) for which in READABLE]  # best first
+        names = [self._plan.names.get(VideoFormat(format_)) for format_ in READABLE]  # best first
         paths = [self._plan.folder / numbered_name(name, number) for name in names if name]
         try:
             maps = [read_stored_depth(path).displayed for path in paths]
@@ -109,7 +109,7 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline) -> float | None:
     """
     settings, writing = plan.settings, plan.settings.writing
     is_in_steps = {VideoFormat.MKV, VideoFormat.PNG16} & set(plan.names)
-    is_finer = any(which.facts.is_exact or which in _NORMALS for which in plan.names)
+    is_finer = any(format_.facts.is_exact or format_ in _NORMALS for format_ in plan.names)
     is_metric = bool(settings.anchors) or pipeline.card.output.kind is DepthKind.METRIC
     is_stretched = settings.smooth_s or writing.is_normalized
     if is_stretched or is_finer or not (is_in_steps and is_metric):
@@ -126,16 +126,17 @@ def open_journal(
     previous ones; in an object store; or if the other outputs cannot be made from the depth that is
     kept. The record of an earlier run is removed then, because this run replaces its frames.
     """
-    numbered = [which for which in plan.names if which in SEQUENCES]
+    numbered = [format_ for format_ in plan.names if format_ in SEQUENCES]
     if not numbered or isinstance(plan.folder, RemotePath):
         return FrameJournal()
     path = plan.folder / f".{base_name(plan.names[numbered[0]])}.depthcli-frames"
     is_whole = rounding_scale(plan, pipeline) is not None or any(
-        which.facts.is_exact and not (plan.settings.writing.half and "half" in which.facts.options)
-        for which in numbered
+        format_.facts.is_exact
+        and not (plan.settings.writing.half and "half" in format_.facts.options)
+        for format_ in numbered
     )
     is_alone = set(plan.names) <= set(SEQUENCES)
-    is_readable = any(SEQUENCES[which].facts.is_readable for which in numbered)
+    is_readable = any(SEQUENCES[format_].facts.is_readable for format_ in numbered)
     can_resume = not plan.settings.smooth_s and bool(source.paths) and (is_whole or is_alone)
     can_resume &= is_readable
     with os_errors_as(OutputError, f"cannot write into {plan.folder}", "choose another {out}"):

@@ -68,18 +68,18 @@ def write_video(
     ``workers`` is the number of threads besides the one that decodes and writes.
     """
     start_s, settings = time.perf_counter(), plan.settings
-    known = FrameAnchors(settings)
+    known_depth = FrameAnchors(settings)
     with ExitStack() as stack:
-        journal = stack.enter_context(open_journal(plan, source, pipeline, known))
+        journal = stack.enter_context(open_journal(plan, source, pipeline, known_depth))
         overwrite = plan.request.overwrite or journal.is_resumed
-        guard = Guard.of([*source.paths, *known.paths], overwrite=overwrite)
+        guard = Guard.of([*source.paths, *known_depth.paths], overwrite=overwrite)
         outputs = [*map(stack.enter_context, _outputs(plan, source, guard))]
         sidecar = None
         if VideoFormat.JSON in plan.names:
             sidecar = stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), guard=guard))
         clock = FrameClock(source.rate, source.name_numbers, settings.start_number)
         scale = rounding_scale(plan, pipeline)
-        predictor = FramePredictor(ImageJob(pipeline), settings, known, journal, clock, scale)
+        predictor = FramePredictor(ImageJob(pipeline), settings, known_depth, journal, clock, scale)
         filter_ = FrameFilter(settings, predictor.kind)
         report = filter_.report
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
@@ -107,8 +107,8 @@ def write_video(
 
 def _remove_stale_sidecars(plan: VideoPlan) -> None:
     """Remove the sidecar of an earlier run, which would state its camera for files without one."""
-    for which, name in plan.names.items():
-        image = SEQUENCES.get(which)
+    for format_, name in plan.names.items():
+        image = SEQUENCES.get(format_)
         if image is not None and not image.facts.has_camera:
             remove_video_sidecar(plan.folder / f"{base_name(name)}.json")
 
@@ -128,8 +128,8 @@ def _process_frames(
 
     def encoded(frame: DepthFrame) -> list[Any]:
         whole = restored(frame, predictor.settings)
-        shown = whole.displayed()
-        return [output.encode(whole if output.has_overscan else shown) for output in outputs]
+        displayed = whole.displayed()
+        return [output.encode(whole if output.has_overscan else displayed) for output in outputs]
 
     with (
         one_thread_each(workers),
@@ -148,17 +148,17 @@ def _process_frames(
 
 def _outputs(plan: VideoPlan, source: FrameSource, guard: Guard) -> Iterator[VideoOutput]:
     """The outputs of all formats but JSON, each in one file or in segments, and the page."""
-    for which in plan.names:
-        if which is not VideoFormat.JSON:
-            opened = partial(open_output, which, plan, source, guard)
-            length_s = None if which in SEQUENCES else plan.settings.segment_s
+    for format_ in plan.names:
+        if format_ is not VideoFormat.JSON:
+            opened = partial(open_output, format_, plan, source, guard)
+            length_s = None if format_ in SEQUENCES else plan.settings.segment_s
             yield SegmentedOutput(opened, length_s, plan.first_segment) if length_s else opened()
     if plan.request.page is not None:
         yield plan.request.page
 
 
 def open_output(
-    which: VideoFormat,
+    format_: VideoFormat,
     plan: VideoPlan,
     source: FrameSource,
     guard: Guard,
@@ -166,8 +166,8 @@ def open_output(
 ) -> VideoOutput:
     """The output of one format, or of one of its segments, to be entered."""
     request, writing = plan.request, plan.settings.writing
-    if which in SEQUENCES:
-        return SequenceOutput(SEQUENCES[which], plan.folder, plan.names[which], writing, guard)
+    if format_ in SEQUENCES:
+        return SequenceOutput(SEQUENCES[format_], plan.folder, plan.names[format_], writing, guard)
     rate = plan.settings.span.rate(source.rate)
     step = source.rate / rate
     is_stepped = not source.numbers_follow_times and step.denominator == 1
@@ -176,8 +176,8 @@ def open_output(
     audio = None
     if starts_s is not None and not isinstance(plan.source, LiveStream):
         audio = AudioTrack(plan.source, starts_s)
-    target = plan.target(which, segment)
-    return video_file(which, target, timing, guard, writing, request.codec, audio)
+    target = plan.target(format_, segment)
+    return video_file(format_, target, timing, guard, writing, request.codec, audio)
 
 
 def _result(
@@ -196,8 +196,8 @@ def _result(
     of_input = (*source.warnings, *report.warnings, *pipeline.session.warnings, *camera_warnings)
     of_input += _range_warnings(plan, settings.writing)
     if report.unfitted:
-        told = f"{len(report.unfitted)} of {len(report.numbers)} frames keep the model's depth"
-        of_input += (about(told, report.unfitted[0]),)
+        problem = f"{len(report.unfitted)} of {len(report.numbers)} frames keep the model's depth"
+        of_input += (about(problem, report.unfitted[0]),)
     return VideoResult(
         plan=plan,
         numbers=report.numbers,
@@ -219,12 +219,12 @@ def _result(
 
 def _range_warnings(plan: VideoPlan, writing: WriterOptions) -> tuple[str, ...]:
     """A warning if normalized frames have no range in common, so that they flicker."""
-    images = [which.facts.image for which in plan.names]
+    images = [format_.facts.image for format_ in plan.names]
     are_normalized = writing.is_normalized and any(i and i.facts.range_options for i in images)
     if not are_normalized or None not in {writing.vmin, writing.vmax}:
         return ()
-    told = "the range of each frame is its own, so that equal depth has other numbers in another"
-    return (Message(told, "give {vmin} and {vmax} for one range"),)
+    problem = "the range of each frame is its own, so that equal depth has other numbers in another"
+    return (Message(problem, "give {vmin} and {vmax} for one range"),)
 
 
 def _no_frames(plan: VideoPlan, source: FrameSource) -> InputError:
