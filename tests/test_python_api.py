@@ -15,8 +15,10 @@ from helpers.videos import encode, write_depth_video, write_video
 from PIL import Image
 
 import depthcli
+from depthcli.api.depth_map import SaveOptions
 from depthcli.core.options import AnchorsFit
 from depthcli.io.depth.read import read_metadata
+from depthcli.io.formats.options import WriterOptions, names_of
 
 PIXELS = synthetic_picture()
 
@@ -522,3 +524,7 @@ def test_colours_are_warm_where_it_is_near(depth: depthcli.DepthMap) -> None:
         depth.colorize("gray", near="cold")
     with pytest.raises(depthcli.UsageError):
         depth.save("a.stereo.png", stereo_layout="cold")
+
+
+def test_save_types_each_option_of_the_formats() -> None:
+    assert set(SaveOptions.__annotations__) == set(names_of(WriterOptions))

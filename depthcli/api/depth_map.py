@@ -5,7 +5,7 @@ import os
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Self, TypeAlias
+from typing import Literal, Self, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 
@@ -14,11 +14,12 @@ from depthcli.core import types
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.arrays import AnyArray, UInt8Array
 from depthcli.core.camera import Anchor, CameraSource, Intrinsics
-from depthcli.core.options import AnchorsFit, Colormap, Near, StereoLayout, chosen, short_repr
+from depthcli.core.options import AnchorsFit, Colormap, Near, chosen, short_repr
 from depthcli.core.surface import PointCloud, surface_of
 from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.io.formats.html import HtmlWriter
+from depthcli.io.formats.options import with_members
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import FILE_SUFFIXES, format_of, writer_class
 from depthcli.io.images.png import encode_png
@@ -34,6 +35,29 @@ def warn_all(texts: Iterable[str], name: object = "") -> None:
     """Warn, of what has a name if one is given, at the caller of the function that calls this."""
     for text in texts:
         warnings.warn(f"{name}: {text}" if name else text, DepthcliWarning, stacklevel=3)
+
+
+class SaveOptions(TypedDict, total=False):
+    """Types of the options of formats, for :meth:`DepthMap.save`; a test compares the names."""
+
+    png_scale: float | None
+    png_normalize: bool | None
+    png_inverse: bool | None
+    exr_channel: str | None
+    half: bool | None
+    colormap: str | None
+    near: Literal["warm", "white", "black"] | None
+    vmin: float | None
+    vmax: float | None
+    legend: bool | None
+    side_by_side: bool | None
+    stride: int | None
+    max_depth_m: float | None
+    keep_edges: bool | None
+    faces: bool | None
+    stereo_layout: Literal["side-by-side", "anaglyph"] | None
+    eye_distance_m: float | None
+    convergence_m: float | None
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -229,24 +253,11 @@ class DepthMap(types.DepthMap):
         self,
         path: str | os.PathLike[str],
         *,
-        png_scale: float | None = None,
-        png_normalize: bool = False,
-        png_inverse: bool = False,
-        vmin: float | None = None,
-        vmax: float | None = None,
-        exr_channel: str | None = None,
-        half: bool | None = None,
-        stride: int | None = None,
-        max_depth_m: float | None = None,
-        keep_edges: bool | None = None,
-        faces: bool | None = None,
-        stereo_layout: Literal["side-by-side", "anaglyph"] | None = None,
-        eye_distance_m: float | None = None,
-        convergence_m: float | None = None,
         focal_px: float | None = None,
         hfov_deg: float | None = None,
         centre_px: tuple[float, float] | None = None,
         overwrite: bool = False,
+        **options: Unpack[SaveOptions],
     ) -> None:
         """Write a file atomically; its suffix chooses the format.
 
@@ -257,25 +268,13 @@ class DepthMap(types.DepthMap):
 
         Args:
             path: the file; missing folders are created.
-            png_scale: units per metre of a PNG; None for 1000.
-            png_normalize: stretch depth to all values of a PNG; its metadata state the range.
-            png_inverse: stretch 1/depth instead; near is white.
-            vmin: low end of the range of a preview or a stretched PNG; None for the map's own.
-            vmax: high end; what is beyond saturates.
-            exr_channel: name of the channel of an EXR; None for the default.
-            half: 16-bit floats in an EXR.
-            stride: use every n-th pixel of every n-th row for points and meshes.
-            max_depth_m: leave out of points and meshes what is farther.
-            keep_edges: keep pixels between near and far in points and meshes.
-            faces: triangles in a PLY.
-            stereo_layout: arrangement of a stereo pair.
-            eye_distance_m: between the eyes of a stereo pair; None for 63 mm.
-            convergence_m: depth at the screen of a stereo pair; None for the nearest.
             focal_px: focal length, as for :meth:`to_points`; PNG, EXR and JSON store it.
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``.
             centre_px: principal point, as for :meth:`to_points`; PNG, EXR and JSON store it.
             overwrite: whether a file that depthcli did not write is replaced. A ``.npy`` does not
                 say who wrote it.
+            options: of the format, by the names of the command line, such as ``png_scale``,
+                ``half`` or ``stride``; None for the default of one.
 
         Raises:
             OutputError: it cannot be written, there is a file that depthcli did not write, or the
@@ -291,28 +290,12 @@ class DepthMap(types.DepthMap):
         depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg, centre_px))
         if depth is not self and not name.facts.has_camera:
             raise UsageError(f"{name.facts.suffix} states no camera; leave it out for {file}")
-        options = {
-            "png_scale": png_scale,
-            "png_normalize": png_normalize or None,
-            "png_inverse": png_inverse or None,
-            "vmin": vmin,
-            "vmax": vmax,
-            "exr_channel": exr_channel,
-            "half": half,
-            "stride": stride,
-            "max_depth_m": max_depth_m,
-            "keep_edges": keep_edges,
-            "faces": faces,
-            "stereo_layout": stereo_layout and chosen(StereoLayout, stereo_layout, "stereo_layout"),
-            "eye_distance_m": eye_distance_m,
-            "convergence_m": convergence_m,
-        }
-        chosen_options = {option: value for option, value in options.items() if value is not None}
-        if others := chosen_options.keys() - name.facts.fields(
-            is_normalized=png_normalize or png_inverse
-        ):
+        chosen_options = with_members(options)
+        is_normalized = any(chosen_options.get(each) for each in ("png_normalize", "png_inverse"))
+        used = {each for each, value in chosen_options.items() if value is not False}
+        if others := used - {*name.facts.fields(is_normalized=is_normalized)}:
             raise UsageError(f"{min(others)} is not for {name.facts.suffix}")
-        writer = writer_class(name)(**chosen_options)
+        writer = writer_class(name)(**{each: chosen_options[each] for each in used})
         inputs = () if self.frame is None or self.frame.path is None else (self.frame.path,)
         guard = Guard.of(inputs, overwrite=overwrite)
         with atomic_path(file, guard=guard) as temporary:

@@ -16,6 +16,9 @@ import typer
 from typer.core import TyperCommand
 from typer.main import get_command
 
+from depthcli.core.options import Rule
+from depthcli.io.formats.options import HELP
+
 _T = TypeVar("_T")
 OPTION = "option"
 """Key of a field's metadata with its option; other fields are annotated with theirs."""
@@ -40,6 +43,17 @@ class Given(dict[str, str]):
                 words = parameter.secondary_opts
             words_of[name] = max(words, key=len)
         return words_of
+
+
+def checked(rule: Rule) -> Callable[[float | None], float | None]:
+    """A callback of typer that refuses a value outside a range, unless it is None."""
+
+    def check(value: float | None) -> float | None:
+        if value is not None and not rule.holds(value):
+            raise typer.BadParameter(f"must be {rule.what}")
+        return value
+
+    return check
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
@@ -131,6 +145,8 @@ def _flattened(group: Any) -> Iterator[inspect.Parameter]:  # noqa: ANN401 - a d
             continue
         if OPTION in field.metadata:
             kind = Annotated[kind, field.metadata[OPTION]]
+        elif HELP in field.metadata:
+            kind = Annotated[kind, _format_option(field.name, **field.metadata)]
         option = copy.copy(kind.__metadata__[0])
         option.rich_help_panel = option.rich_help_panel or heading
         if field.default is False and option.default is ... and not option.param_decls:
@@ -138,6 +154,19 @@ def _flattened(group: Any) -> Iterator[inspect.Parameter]:  # noqa: ANN401 - a d
         kind = Annotated[kind.__origin__, option]
         default = inspect.Parameter.empty if field.default is MISSING else field.default
         yield _keyword(field.name, default=default, annotation=kind)
+
+
+def _format_option(name: str, help: str, rule: Rule | None, *, is_usual: bool) -> Any:  # noqa: A002, ANN401 - typer's own
+    """The option of a field of the output formats; one in metres is named without the unit."""
+    plain = name.removesuffix("_m")
+    metres = (f"--{plain.replace('_', '-')}",) if plain != name else ()
+    return typer.Option(
+        *metres,
+        help=help,
+        callback=checked(rule) if rule else None,
+        metavar="METRES" if metres else None,
+        rich_help_panel=USUAL if is_usual else None,
+    )
 
 
 def _made(group: Any, values: dict[str, Any]) -> Any:  # noqa: ANN401 - a dataclass

@@ -1,36 +1,23 @@
 """Options that several commands share, in groups by purpose."""
 
-from collections.abc import Callable
 from dataclasses import field
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
 from depthcli.cli import completion
-from depthcli.cli.groups import OPTION, USUAL, group
+from depthcli.cli.groups import OPTION, USUAL, checked, group
 from depthcli.core import options as choices
 from depthcli.core.camera import FOCAL_PX, HFOV_DEG
+from depthcli.io.formats import options as formats
 
-_LARGEST_M = 1e9
 MAX_THREADS = 1024
 
 
-def checked(rule: choices.Rule) -> Callable[[float | None], float | None]:
-    """A callback of typer that refuses a value outside a range, unless it is None."""
-
-    def check(value: float | None) -> float | None:
-        if value is not None and not rule.holds(value):
-            raise typer.BadParameter(f"must be {rule.what}")
-        return value
-
-    return check
-
-
-_finite = checked(choices.Rule("a number up to 1e9", lambda x: abs(x) <= _LARGEST_M))
-positive = checked(choices.Rule("greater than 0", lambda x: 0 < x < float("inf")))
+positive = checked(formats.POSITIVE)
 not_negative = checked(choices.Rule("0 or greater", lambda x: 0 <= x < float("inf")))
-png_scale_range = checked(choices.Rule("from 0.001 to 1000000", lambda x: 1e-3 <= x <= 1e6))  # noqa: PLR2004
+png_scale_range = checked(formats.PNG_SCALE)
 field_of_view = checked(HFOV_DEG)
 focal_length = checked(FOCAL_PX)
 
@@ -297,113 +284,16 @@ class MapOptions(DetailOptions):
 
 
 @group
-class PngOptions:
-    """16-bit PNG."""
-
-    png_scale: float | None = option(
-        "PNG units per metre: 1000 (default, millimetres), 256 (KITTI), 5000 (TUM), "
-        "4000 (Matterport).",
-        callback=png_scale_range,
-    )
-    png_normalize: bool = option(
-        "Normalize each png16 to 1-65535; the depth range is stored in its metadata.", default=False
-    )
-    png_inverse: bool = option(
-        "Normalize 1/depth in each png16 instead, so that near is white: for compositors, "
-        "ControlNet and Gaussian splatting.",
-        default=False,
-    )
-
-
-@group
-class ExrOptions:
-    """EXR."""
-
-    exr_channel: Literal["Z", "Y", "R", "depth.Z"] = option(
-        "EXR channel name: most programs show Y; depth nodes of compositors expect Z or depth.Z.",
-        default="Y",
-    )
-    half: bool = option("Write EXR as 16-bit half floats.", default=False)
-
-
-@group
-class PreviewOptions:
-    """Preview."""
-
-    colormap: choices.Colormap | None = usual(
-        "Colormap of the preview. Default: inferno, or gray with --near white or black."
-    )
-    near: choices.Near | None = option(
-        "Colour of near depth: warm, or white or black with gray. Default: warm, or white "
-        "with gray."
-    )
-    vmin: float | None = option(
-        "Lower end of the depth range of previews and normalized png16 (and mkv), in metres if "
-        "metric. Default: 2nd percentile; for png16, the minimum.",
-        callback=_finite,
-    )
-    vmax: float | None = option(
-        "Upper end of the depth range of previews and normalized png16 (and mkv), in metres if "
-        "metric. Default: 98th percentile; for png16, the maximum.",
-        callback=_finite,
-    )
-    legend: bool = option("Draw a colour scale beside the preview.", default=False)
-    side_by_side: bool = option("Show the input image beside the preview.", default=False)
-
-
-@group
-class SurfaceOptions:
-    """Points and meshes."""
-
-    stride: int = option("Use only every N-th pixel of every N-th row.", default=1, min=1)
-    max_depth_m: float | None = option(
-        "Leave out what is farther, in metres.", "--max-depth", callback=positive, metavar="METRES"
-    )
-    keep_edges: bool = option(
-        "Keep the pixels at edges of depth, which are smeared between near and far.", default=False
-    )
-
-
-@group
-class PlyOptions:
-    """Points and meshes."""
-
-    faces: bool = option("Write triangles into PLY, not only points.", default=False)
-
-
-@group
-class StereoOptions:
-    """Stereo pair."""
-
-    stereo_layout: choices.StereoLayout = option(
-        "Views side by side, or as an anaglyph for red and cyan glasses.",
-        default=choices.StereoLayout.SIDE_BY_SIDE,
-    )
-    eye_distance_m: float = option(
-        "Distance between the eyes in metres; larger is deeper.",
-        "--eye-distance",
-        default=0.063,
-        callback=positive,
-        metavar="METRES",
-    )
-    convergence_m: float | None = option(
-        "Depth that appears at the screen; nearer is in front of it. Default: the nearest.",
-        "--convergence",
-        callback=positive,
-        metavar="METRES",
-    )
-
-
-@group
 class WritingOptions:
     """Options of the output formats."""
 
-    png: PngOptions
-    exr: ExrOptions
-    preview: PreviewOptions
-    surface: SurfaceOptions
-    ply: PlyOptions
-    stereo: StereoOptions
+    png: formats.PngOptions
+    exr: formats.ExrOptions
+    preview: formats.PreviewOptions
+    range: formats.RangeOptions
+    surface: formats.SurfaceOptions
+    ply: formats.PlyOptions
+    stereo: formats.StereoOptions
 
 
 QuietOption = Annotated[

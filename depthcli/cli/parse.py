@@ -14,7 +14,8 @@ from depthcli.core.camera import DEPTH_M, UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.options import ReadOptions, UpsamplingOptions, short_repr
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.table import FORMATS, Format, WriterOptions
+from depthcli.io.formats.options import PreviewOptions, WriterOptions
+from depthcli.io.formats.table import FORMATS, Format
 from depthcli.io.storage.paths import RemotePath, path_of, safe_name
 
 if TYPE_CHECKING:
@@ -65,24 +66,23 @@ def writer_options(options: groups.WritingOptions) -> WriterOptions:
         for field in fields(group)
     }
     _refuse_alternatives(values)
-    values["colormap"], values["near"] = _colours(options.preview)
-    low, high = options.preview.vmin, options.preview.vmax
+    _check_colours(options.preview)
+    low, high = options.range.vmin, options.range.vmax
     if low is not None and high is not None and low >= high:
         raise UsageError(f"{low:g} is not below {high:g}", "give {vmin} below {vmax}")
-    return WriterOptions(**{name: value for name, value in values.items() if value is not None})
+    return WriterOptions(**values)
 
 
-def _colours(options: groups.PreviewOptions) -> tuple[choices.Colormap | None, choices.Near | None]:
-    """Colormap and near colour; either selects gray."""
-    colormap, near = options.colormap, options.near
-    if near in {None, choices.Near.WARM} and (
-        near is None or colormap is not choices.Colormap.GRAY
-    ):
-        return colormap, near
-    if near is not choices.Near.WARM and colormap in {None, choices.Colormap.GRAY}:
-        return choices.Colormap.GRAY, near
-    advice = "white and black are for gray, warm is for the other colormaps"
-    raise UsageError(f"{near} does not fit {colormap}", advice, option="near")
+def _check_colours(options: PreviewOptions) -> None:
+    """UsageError if a near colour is for another colormap."""
+    is_gray = options.colormap is choices.Colormap.GRAY
+    if options.near in {None, choices.Near.WARM}:
+        fits = options.near is None or not is_gray
+    else:
+        fits = options.colormap is None or is_gray
+    if not fits:
+        advice = "white and black are for gray, warm is for the other colormaps"
+        raise UsageError(f"{options.near} does not fit {options.colormap}", advice, option="near")
 
 
 def camera(options: groups.PinholeOptions) -> Intrinsics:

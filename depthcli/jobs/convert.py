@@ -21,6 +21,7 @@ from depthcli.io.depth import read as depth_files
 from depthcli.io.depth.metadata import NORMALIZED
 from depthcli.io.depth.read import StoredDepth, stated_range
 from depthcli.io.formats import table
+from depthcli.io.formats.options import MILLIMETRES, WriterOptions
 from depthcli.io.formats.preview import percentiles
 from depthcli.io.images.read import read_image
 from depthcli.io.listing import folder as folders
@@ -58,9 +59,7 @@ class ConvertRequest:
     camera: Intrinsics = UNKNOWN_CAMERA  #: in place of that of the source; depth is not changed
     reading: ReadOptions = AS_STATED  #: how the picture is read
     picture: str | None = None  #: for the colours of a point cloud, or beside a preview
-    writing: table.WriterOptions = field(
-        default_factory=table.WriterOptions
-    )  #: options of the formats
+    writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
     overwrite: bool = False  #: whether the target may replace a file of another program
     fps: Fraction | None = None  #: frames a second of numbered files; None for what they state
 
@@ -124,7 +123,9 @@ def _write_converted(
         writing = (
             _sidecar_options(request, stored) if format_ is table.Format.JSON else request.writing
         )
-        warnings = writing.writer(format_).write(replace(depth, values=values), temporary, picture)
+        warnings = table.writer_of(format_, writing).write(
+            replace(depth, values=values), temporary, picture
+        )
         round_trip = None
         if format_.facts.is_readable:
             kind = depth_files.DepthReadOptions(kind=DepthEncoding(depth.kind))
@@ -145,7 +146,7 @@ def target_of(target: str, format_: table.Format | None) -> tuple[table.Format, 
     return destination.formats[0], destination.path
 
 
-def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> table.WriterOptions:
+def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> WriterOptions:
     """The options; by default, the sidecar of a 16-bit PNG states the scale of that PNG."""
     writing, scale = request.writing, stored.metadata.get("scale")
     if scale in NORMALIZED:
@@ -155,7 +156,7 @@ def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> table.Writ
             low, high = 1 / high, 1 / low
         writing = replace(writing, vmin=low, vmax=high)
         return replace(writing, png_normalize=not is_inverse, png_inverse=is_inverse)
-    if stored.is_integer and stored.scale and writing.png_scale == table.MILLIMETRES:
+    if stored.is_integer and stored.scale and writing.units_per_metre == MILLIMETRES:
         return replace(writing, png_scale=stored.scale.units_per_metre)
     return writing
 

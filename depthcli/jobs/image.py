@@ -23,7 +23,8 @@ from depthcli.errors import DepthcliError, OutputError, about, is_out_of_memory,
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.io.depth.metadata import anchor_fields, origin_fields
-from depthcli.io.formats.table import FORMATS, Format, WriterOptions
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import FORMATS, Format, writer_of
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.temporary import temporary_folder
 
@@ -133,7 +134,7 @@ def _write(
         depth, frame = displayed_depth(depth, frame.windows), displayed_frame(frame)
     if not (has_depth(depth.values[::16, ::16], depth.kind).any() or depth.valid.any()):
         raise OutputError("no pixel has depth, so nothing is written")
-    return options.writer(format_).write(depth, path, frame)
+    return writer_of(format_, options).write(depth, path, frame)
 
 
 def depth_facts(depth: DepthMap) -> dict[str, Any]:

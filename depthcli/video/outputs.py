@@ -21,9 +21,10 @@ from depthcli.core.arrays import UInt8Array, UInt16Array
 from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
 from depthcli.errors import OutputError, about
 from depthcli.io.depth.metadata import UINT16_MAX, metadata_texts, normalized, quantized, step_unit
+from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.stereo import StereoWriter
-from depthcli.io.formats.table import COMMENT_PREFIX, LABEL_PREFIX, Format, WriterOptions
+from depthcli.io.formats.table import COMMENT_PREFIX, LABEL_PREFIX, Format, writer_of
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import OutputPipe
@@ -286,7 +287,7 @@ class DepthVideoOutput(VideoFile):
     ) -> None:
         """Prepare the units per metre of 16-bit files; without metres, the ends of previews."""
         super().__init__(target, timing, guard)
-        self._scale = writing.png_scale
+        self._scale = writing.units_per_metre
         self._colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
         self._saturated = self._count = 0
         self._first: DepthFrame | None = None
@@ -383,7 +384,7 @@ def video_file(
     """
     if format_.facts.image is None:
         return DepthVideoOutput(target, timing, writing, guard)
-    writer = cast("PreviewWriter | StereoWriter", writing.writer(format_.facts.image))
+    writer = cast("PreviewWriter | StereoWriter", writer_of(format_.facts.image, writing))
     chosen = preview_codec(format_, codec)
     return PreviewVideoOutput(target, timing, writer, guard, codec=chosen, audio=audio)
 
@@ -398,7 +399,7 @@ class SequenceOutput(VideoOutput):
         self.has_overscan = image.facts.has_overscan
         super().__init__()
         self._image, self._folder, self._pattern = image, folder, pattern
-        self._writer, self._guard = writing.writer(image), guard
+        self._writer, self._guard = writer_of(image, writing), guard
         self._warnings = _WarningCount()
 
     def encode(self, frame: DepthFrame) -> tuple[str, ...]:

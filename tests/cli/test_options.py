@@ -12,10 +12,11 @@ from helpers.videos import flat_frames, write_video
 
 from depthcli.cli import parse
 from depthcli.cli.app import main
-from depthcli.cli.options import PreviewOptions, WritingOptions
+from depthcli.cli.options import WritingOptions
 from depthcli.cli.table import COMMANDS, plain_command
 from depthcli.core.options import Colormap, Near
 from depthcli.io.depth.read import read_metadata
+from depthcli.io.formats.options import PreviewOptions
 
 NORMALIZED = "png16 with --png-normalize or --png-inverse"
 USUAL = 12
@@ -123,7 +124,7 @@ def test_near_white_and_black_select_gray(
     groups = {name: kind() for name, kind in get_type_hints(WritingOptions).items()}
     preview = PreviewOptions(colormap=colormap, near=near)
     made = parse.writer_options(WritingOptions(**groups | {"preview": preview}))
-    assert (made.colormap, made.near) == chosen
+    assert made.palette == chosen
 
 
 @pytest.mark.parametrize(

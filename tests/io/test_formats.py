@@ -22,16 +22,17 @@ from depthcli.io.depth.metadata import DepthScale
 from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
+from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import (
     FORMATS,
     Format,
-    WriterOptions,
     format_of,
     is_own,
     stem_of,
     writer_class,
+    writer_of,
 )
 
 
@@ -88,10 +89,10 @@ def test_each_writer_takes_its_options_and_has_their_defaults(name: Format) -> N
     assert format_of(f"a{facts.suffix}") is name
     assert facts.file_suffix is None or format_of(f"a{facts.file_suffix}") is name
     # What a writer does by itself is what it does with the options' own defaults.
-    assert plain.writer(name) == writer_class(name)()
+    assert writer_of(name, plain) == writer_class(name)()
     for option in (field.name for field in fields(plain)):
         expected = other if option in facts.options else plain
-        assert getattr(other.writer(name), option, None) in {getattr(expected, option), None}
+        assert getattr(writer_of(name, other), option, None) in {getattr(expected, option), None}
 
 
 SHAPES = array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=9)
@@ -326,7 +327,7 @@ def test_normalized_inverse_depth(suffix: str, tmp_path: Path) -> None:
     """Near is white, linear in 1/depth, as ControlNet and 3D Gaussian splatting expect."""
     path, writing = tmp_path / f"a{suffix}", WriterOptions(png_inverse=True)
     which = Format.PNG16 if suffix == ".png" else Format.PGM
-    writing.writer(which).write(DepthMap(HOLED_M), path)
+    writer_of(which, writing).write(DepthMap(HOLED_M), path)
     steps = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     assert (steps[0, 0], steps[1, 1], steps[2, 3]) == (65535, 0, 1)
     share = (1 / HOLED_M - 1 / 9) / (1 / 0.5 - 1 / 9)
@@ -335,10 +336,10 @@ def test_normalized_inverse_depth(suffix: str, tmp_path: Path) -> None:
     assert found.is_metric
     np.testing.assert_allclose(found.values, HOLED_M, rtol=2e-4)
     # Saved again without its texts, the sidecar says what it is.
-    writing.writer(Format.JSON).write(DepthMap(HOLED_M), tmp_path / "a.json")
+    writer_of(Format.JSON, writing).write(DepthMap(HOLED_M), tmp_path / "a.json")
     cv2.imwrite(str(path), steps)
     np.testing.assert_allclose(read_stored_depth(path).depth.values, HOLED_M, rtol=2e-4)
-    assert SidecarWriter(png_inverse=True) == writing.writer(Format.JSON)
+    assert SidecarWriter(png_inverse=True) == writer_of(Format.JSON, writing)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".pgm"])
@@ -351,14 +352,14 @@ def test_depth_has_one_number_in_all_maps_of_a_stated_range(
     share = (2 - 1) / (16 - 1) if option == "png_normalize" else (1 / 2 - 1 / 16) / (1 - 1 / 16)
     for others, beyond in (((1.5, 3.0), 0), ((0.5, 30.0), 2), ((2.0, np.nan), 0)):
         path, depth = tmp_path / f"a{suffix}", DepthMap(np.array([[2.0, *others]], np.float32))
-        warnings = writing.writer(which).write(depth, path)
+        warnings = writer_of(which, writing).write(depth, path)
         assert [int(warning.split()[0]) for warning in warnings] == ([beyond] if beyond else [])
         steps = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         assert steps[0, 0] == round(1 + share * 65534)
         expected = np.clip(depth.values, 1, 16)
         np.testing.assert_allclose(read_stored_depth(path).depth.values, expected, rtol=2e-4)
         # Saved again without its texts, the sidecar says what it is.
-        writing.writer(Format.JSON).write(depth, tmp_path / "a.json")
+        writer_of(Format.JSON, writing).write(depth, tmp_path / "a.json")
         cv2.imwrite(str(path), steps)
         np.testing.assert_allclose(read_stored_depth(path).depth.values, expected, rtol=2e-4)
 

@@ -15,7 +15,8 @@ from depthcli.core.surface import surface_of
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.geometry import camera_of
-from depthcli.io.formats.table import Format, WriterOptions, is_own
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format, is_own, writer_of
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -36,7 +37,7 @@ def box_before_wall() -> DepthMap:
 def written(path: Path, depth: DepthMap, frame: Frame | None = None, **options: Any) -> Any:
     """A mesh or cloud as trimesh reads it, with its points as they are in the file."""
     which = Format(path.suffix[1:])
-    WriterOptions(**options).writer(which).write(depth, path, frame)
+    writer_of(which, WriterOptions(**options)).write(depth, path, frame)
     assert is_own(path)
     return trimesh.load(path, process=False, force="mesh" if which is Format.GLB else None)
 
@@ -56,7 +57,7 @@ def test_writing_a_mesh_takes_a_few_times_its_size(tmp_path: Path) -> None:
     # A photograph of 12 megapixels took 2.3 GB, more than a worker has in docs/scaling.md.
     depth = DepthMap(np.linspace(1, 2, 400 * 500, dtype=np.float32).reshape(400, 500))
     tracemalloc.start()
-    WriterOptions().writer(Format.GLB).write(depth, tmp_path / "a.glb")
+    writer_of(Format.GLB, WriterOptions()).write(depth, tmp_path / "a.glb")
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 3.2 * (tmp_path / "a.glb").stat().st_size
@@ -111,7 +112,7 @@ def test_a_file_without_points_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(OutputError):
         written(tmp_path / "a.glb", box_before_wall(), max_depth_m=0.5)
     with pytest.raises(UsageError):
-        WriterOptions(stride=0).writer(Format.PLY)
+        WriterOptions(stride=0)
     assert not list(tmp_path.iterdir())
 
 

@@ -19,10 +19,10 @@ from depthcli.errors import InputError
 from depthcli.io.depth.metadata import denormalized, dequantized, normalized, quantized
 from depthcli.io.exr.file import read_exr_channels, silenced, write_exr
 from depthcli.io.exr.image import read_exr_image
+from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.png16 import stretched
 from depthcli.io.formats.preview import PreviewWriter, nearness
 from depthcli.io.formats.sidecar import SidecarWriter
-from depthcli.io.formats.table import WriterOptions
 from depthcli.io.images.read import frame_of
 
 F32 = np.float32

@@ -18,7 +18,8 @@ from helpers.file_trees import names
 
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.formats.table import Format, WriterOptions, is_own
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format, is_own, writer_of
 from depthcli.io.storage import atomic
 from depthcli.io.storage import temporary as temporaries
 from depthcli.io.storage.atomic import (
@@ -276,7 +277,7 @@ def test_files_of_every_format_are_own_by_mark_or_default_name(
     tmp_path: Path, which: Format
 ) -> None:
     path = tmp_path / f"a{which.facts.suffix}"
-    WriterOptions().writer(which).write(DEPTH, path, Frame(np.zeros((4, 5, 3), np.uint8)))
+    writer_of(which, WriterOptions()).write(DEPTH, path, Frame(np.zeros((4, 5, 3), np.uint8)))
     assert is_own(path)
     other = tmp_path / f"other{path.suffix}"
     other.write_bytes(b"another program's")

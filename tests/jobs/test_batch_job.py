@@ -22,7 +22,8 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.options import GPU_BATCH, Upsampling, UpsamplingOptions
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.table import Format, WriterOptions
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import NameFilter
 from depthcli.io.manifest import FAILED, OK, CacheKey
 from depthcli.jobs.batch.plan import plan_files, plan_folder

@@ -34,7 +34,8 @@ from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.metadata import camera_text
 from depthcli.io.depth.read import read_metadata, read_stored_depth
-from depthcli.io.formats.table import Format, WriterOptions
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest import OK
 from depthcli.jobs.batch.plan import plan_files, plan_folder

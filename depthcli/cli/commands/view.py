@@ -4,7 +4,8 @@ import typer
 
 from depthcli.cli import options as groups
 from depthcli.errors import ExitCode
-from depthcli.io.formats.table import Format, WriterOptions, stem_of
+from depthcli.io.formats.options import SurfaceOptions, WriterOptions
+from depthcli.io.formats.table import Format, stem_of
 
 
 def view(
@@ -19,7 +20,7 @@ def view(
     is_opened: bool = typer.Option(False, "--open", help="Open the page in the browser."),
     overwrite: groups.OverwriteOption = False,
     depth_file: groups.DepthFileOptions,
-    surface: groups.SurfaceOptions,
+    surface: SurfaceOptions,
     camera: groups.StatedCameraOptions,
     read: groups.ReadOptions,
     screen: groups.ScreenOptions,

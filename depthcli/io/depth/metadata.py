@@ -15,7 +15,8 @@ from depthcli.core.imageops import row_bands
 from depthcli.core.options import AnchorsFit, Projection
 from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthMap, Provenance, has_depth
 from depthcli.errors import Message, UsageError
-from depthcli.io.formats.table import KEY_PREFIX, MILLIMETRES
+from depthcli.io.formats.options import MILLIMETRES
+from depthcli.io.formats.table import KEY_PREFIX
 
 SOFTWARE = f"depthcli {__version__}"
 _Value: TypeAlias = str | float | tuple[float, float]

@@ -23,8 +23,9 @@ from depthcli.core.types import (
 )
 from depthcli.errors import InputError, Message
 from depthcli.io.depth import metadata as facts
+from depthcli.io.formats.options import MILLIMETRES
 from depthcli.io.formats.sidecar import FileMetadata, with_sidecar
-from depthcli.io.formats.table import MILLIMETRES, READABLE_SUFFIXES, readable_format, reader_of
+from depthcli.io.formats.table import READABLE_SUFFIXES, readable_format, reader_of
 from depthcli.io.storage.paths import path_of
 
 _NORMALIZED_MAX = 0.999

@@ -16,7 +16,7 @@ from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stored_depth
 from depthcli.io.exr import file as exr_file
 from depthcli.io.formats.geometry import camera_of
-from depthcli.io.formats.table import WriterOptions
+from depthcli.io.formats.options import WriterOptions
 
 _OPENGL = np.array([1, -1, -1], np.float32)
 _COLOURS = ("G", "B", "RY", "BY")

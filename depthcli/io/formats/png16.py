@@ -14,8 +14,9 @@ from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError
 from depthcli.io.depth import metadata as facts
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, reciprocal, stored_depth
+from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.sidecar import with_sidecar
-from depthcli.io.formats.table import KEY_PREFIX, WriterOptions
+from depthcli.io.formats.table import KEY_PREFIX
 from depthcli.io.images.png import SIGNATURE, encode_png, read_text
 from depthcli.io.images.read import OPENCV_MAX_PIXELS, check, decode
 from depthcli.io.storage.paths import read_bytes
@@ -48,9 +49,12 @@ def stored_steps(
     """The integers of a map, (H, W) uint16; texts that say what they mean; and warnings."""
     texts, is_metric = facts.metadata_texts(depth), depth.is_metric
     if not options.is_normalized and is_metric:
-        steps, saturated = facts.quantized(depth.values, options.png_scale)
-        texts |= {"scale": f"{options.png_scale:g}", "unit": facts.step_unit(options.png_scale)}
-        limit_m = facts.UINT16_MAX / options.png_scale
+        steps, saturated = facts.quantized(depth.values, options.units_per_metre)
+        texts |= {
+            "scale": f"{options.units_per_metre:g}",
+            "unit": facts.step_unit(options.units_per_metre),
+        }
+        limit_m = facts.UINT16_MAX / options.units_per_metre
         warning = f"{saturated} pixels beyond {limit_m:.6g} m were saturated"
         return steps, texts, (warning,) if saturated else ()
     scale = "normalized"

@@ -11,7 +11,8 @@ from depthcli.core.arrays import Float32Array, Float64Array, UInt8Array
 from depthcli.core.options import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.metadata import SOFTWARE
-from depthcli.io.formats.table import SOFTWARE_KEY, WriterOptions
+from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import SOFTWARE_KEY
 from depthcli.io.images.png import encode_png
 
 _OPENCV = {
@@ -155,7 +156,7 @@ class PreviewWriter(WriterOptions):
         """Draw (H, W', 3) RGB uint8, wider with legend or frame; ``spread`` is that of a video."""
         low, high = self.range_of(spread or percentiles(depth))
         near, far = (high, low) if depth.kind is DepthKind.INVERSE else (low, high)
-        colours = colour_table(self.colormap, self.near)
+        colours = colour_table(*self.palette)
         share = nearness(depth, near, far)
         holes = np.isnan(share)
         share[holes] = 0

@@ -11,7 +11,7 @@ from depthcli.core.types import AnchorFit, DepthMap, DepthRange, Frame
 from depthcli.core.validation import FieldError, parsed_json
 from depthcli.errors import Message, OutputError, os_errors_as
 from depthcli.io.depth import metadata
-from depthcli.io.formats.table import WriterOptions
+from depthcli.io.formats.options import WriterOptions
 from depthcli.io.storage.paths import read_regular
 
 _MAX_SIDECAR_BYTES = 2**26  # with a line for each frame of a long video
@@ -32,11 +32,12 @@ class SidecarWriter(WriterOptions):
         found, ends = DepthRange.of(depth), dict[str, float]()
         if self.is_normalized and found.min is not None and found.max is not None:
             ends = dict(zip(_ENDS, self.range_of((found.min, found.max)), strict=True))
+        has_unit = depth.is_metric and not self.is_normalized
         document = {
             "software": metadata.SOFTWARE,
             "kind": depth.kind.value,
             "unit": depth.unit,
-            "png16_scale": None if self.is_normalized or not depth.is_metric else self.png_scale,
+            "png16_scale": self.units_per_metre if has_unit else None,
             **({"png16_inverse": True} if self.png_inverse and depth.is_metric else {}),
             **ends,
             "width": depth.width,

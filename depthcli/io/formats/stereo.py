@@ -11,8 +11,9 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import Message, OutputError
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.io.formats.geometry import camera_of
+from depthcli.io.formats.options import EYE_DISTANCE_M, WriterOptions
 from depthcli.io.formats.preview import nearness, percentiles
-from depthcli.io.formats.table import EYE_DISTANCE_M, SOFTWARE_KEY, WriterOptions
+from depthcli.io.formats.table import SOFTWARE_KEY
 from depthcli.io.images.png import encode_png
 
 _SHARE = 0.03  # of the width: disparity between near and far, where there are no metres

@@ -1,23 +1,30 @@
 """The table of output formats; free of numpy, so that help texts can list it.
 
 A format is a file in this folder and a line in :class:`Format`. Its file has a class that writes,
-a dataclass of its options, and a function ``read`` if ``info`` and ``convert`` read it back.
+and a function ``read`` if ``info`` and ``convert`` read it back; its options are in ``options.py``.
 """
 
 from __future__ import annotations
 
-import math
 import re
 import sys
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from pathlib import PurePath
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
-from depthcli.core.options import Colormap, Near, StereoLayout
-from depthcli.errors import UsageError
+from depthcli.io.formats.options import (
+    ExrOptions,
+    PlyOptions,
+    PngOptions,
+    PreviewOptions,
+    RangeOptions,
+    StereoOptions,
+    SurfaceOptions,
+    WriterOptions,
+    names_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -25,8 +32,6 @@ if TYPE_CHECKING:
 
     from depthcli.core.types import DepthMap, Frame
 
-MILLIMETRES = 1000.0  #: default units per metre of 16-bit depth
-EYE_DISTANCE_M = 0.063  #: mean distance of adults' eyes
 KEY_PREFIX = "depthcli:"  #: start of the names of texts in PNG, EXR and PLY
 SOFTWARE_KEY = f"{KEY_PREFIX}software"  #: a text in every PNG (after its header) and EXR
 LABEL_PREFIX = "DEPTHCLI_"  #: start of the names of the labels in a depth video
@@ -92,12 +97,10 @@ def suffix_of(path: str | PurePath) -> str:
     return _ALIASES.get(suffix, suffix)
 
 
-_COLOURS = ("colormap", "near", "vmin", "vmax", "legend", "side_by_side")
-_EXR = ("exr_channel", "half")
-_PNG = ("png_scale", "png_normalize", "png_inverse")
-_ENDS = ("vmin", "vmax")
-_SURFACE = ("stride", "max_depth_m", "keep_edges")
-_STEREO = ("stereo_layout", "eye_distance_m", "convergence_m")
+_COLOURS = names_of(PreviewOptions, RangeOptions)
+_EXR, _PNG, _ENDS = names_of(ExrOptions), names_of(PngOptions), names_of(RangeOptions)
+_SURFACE, _STEREO = names_of(SurfaceOptions), names_of(StereoOptions)
+_PLY = names_of(SurfaceOptions, PlyOptions)
 _PNG_MARK = f"{SOFTWARE_KEY}\0".encode()
 _EXR_MARK = f"{SOFTWARE_KEY}\0string\0".encode()
 _PGM_MARK = f"# {SOFTWARE_KEY} ".encode()
@@ -132,7 +135,7 @@ class Format(StrEnum):
     EXR = "exr", _exact("exr:ExrWriter", ".depth.exr", ".exr", _EXR_MARK, _EXR, has_overscan=True)
     NPY = "npy", FormatFacts("npy:NpyWriter", ".depth.npy", ".npy", is_readable=True, is_exact=True)
     PREVIEW = "preview", _image("preview:PreviewWriter", ".preview.png", None, _PNG_MARK, _COLOURS)
-    PLY = "ply", _scene("geometry:PlyWriter", ".ply", ".ply", _PLY_MARK, (*_SURFACE, "faces"))
+    PLY = "ply", _scene("geometry:PlyWriter", ".ply", ".ply", _PLY_MARK, _PLY)
     GLB = "glb", _scene("geometry:GlbWriter", ".glb", ".glb", b'"generator":"depthcli ', _SURFACE)
     HTML = "html", _scene("html:HtmlWriter", ".html", ".html", _HTML_MARK, _SURFACE)
     NORMALS = "normals", _stated("geometry:NormalsWriter", ".normals.png", None, _PNG_MARK)
@@ -239,55 +242,7 @@ def writer_class(name: Format) -> type[Writer]:
     return found
 
 
-@dataclass(frozen=True, kw_only=True)
-class WriterOptions:
-    """Options of all formats; the table of formats states which of them each writer uses."""
-
-    #: units per metre in 16-bit PNG: 1000 (NYU, ScanNet), 256 (KITTI), 5000 (TUM)
-    png_scale: float = MILLIMETRES
-    png_normalize: bool = False  #: stretch each 16-bit PNG to its whole range, without a unit
-    png_inverse: bool = False  #: stretch 1/depth in each 16-bit PNG; the nearest pixel is white
-    #: of EXR: ``Y``, which most readers show; ``Z`` (renderers' depth), ``R`` or ``depth.Z``
-    exr_channel: str = "Y"
-    half: bool = False  #: 16-bit instead of 32-bit floats in EXR
-    colormap: Colormap = Colormap.INFERNO  #: colours of the preview
-    near: Near = Near.WARM  #: the colormap's end that is near
-    #: low end of the range of colours and normalized integers, in metres or the map's unit; None
-    #: for percentile 2, or the least. It is the near end, or the far end of an inverse map
-    vmin: float | None = None
-    vmax: float | None = None  #: high end of the range; None for percentile 98, or the largest
-    legend: bool = False  #: a scale at the right of the preview
-    side_by_side: bool = False  #: the image at the left of its preview
-    stride: int = 1  #: points and meshes: every n-th pixel of every n-th row
-    max_depth_m: float | None = None  #: points and meshes: pixels beyond are left out
-    keep_edges: bool = False  #: points and meshes: keep pixels between near and far
-    faces: bool = False  #: triangles between neighbours in PLY, cut along edges of depth
-    stereo_layout: StereoLayout = StereoLayout.SIDE_BY_SIDE  #: arrangement of a stereo pair
-    eye_distance_m: float = EYE_DISTANCE_M  #: between the eyes of a stereo pair
-    #: depth that appears at the screen of a stereo pair; None for the nearest 2 % of pixels
-    convergence_m: float | None = None
-
-    def __post_init__(self) -> None:
-        if math.isnan(self.vmin or 0) or math.isnan(self.vmax or 0):
-            raise UsageError("vmin and vmax have to be numbers, not nan")
-        if self.vmin is not None and self.vmax is not None and self.vmin > self.vmax:
-            raise UsageError(f"vmin {self.vmin:g} is above vmax {self.vmax:g}; swap them")
-        if self.stride < 1:
-            raise UsageError(f"a stride of {self.stride} is not 1 or more", option="stride")
-
-    @property
-    def is_normalized(self) -> bool:
-        """Whether 16-bit PNG is normalized."""
-        return self.png_normalize or self.png_inverse
-
-    def range_of(self, spread: tuple[float, float]) -> tuple[float, float]:
-        """Low and high end of a range, where ``vmin`` and ``vmax`` replace those of a map."""
-        low = spread[0] if self.vmin is None else self.vmin
-        high = spread[1] if self.vmax is None else self.vmax
-        # The map's end gives way to one that is given.
-        return (min(low, high), high) if self.vmin is None else (low, max(low, high))
-
-    def writer(self, name: Format) -> Writer:
-        """The writer of a format; its module is loaded now."""
-        own = FORMATS[name].fields(is_normalized=self.is_normalized)
-        return writer_class(name)(**{option: getattr(self, option) for option in own})
+def writer_of(name: Format, options: WriterOptions) -> Writer:
+    """The writer of a format with the options that it uses; its module is loaded now."""
+    used = FORMATS[name].fields(is_normalized=options.is_normalized)
+    return writer_class(name)(**{option: getattr(options, option) for option in used})

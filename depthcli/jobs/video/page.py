@@ -16,8 +16,9 @@ from starlette.responses import HTMLResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from depthcli.errors import UsageError, os_errors_as
+from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.formats.table import Format, WriterOptions
+from depthcli.io.formats.table import Format, writer_of
 from depthcli.video.outputs import DepthFrame, VideoOutput
 
 _HOSTS = ("127.0.0.1", "localhost")  # a web page that wants to read it comes by another name
@@ -37,7 +38,7 @@ class PreviewPage(VideoOutput):
     def __init__(self, port: int, options: WriterOptions) -> None:
         """Listen at once; UsageError if the port cannot be had."""
         super().__init__()
-        self._writer = cast("PreviewWriter", options.writer(Format.PREVIEW))
+        self._writer = cast("PreviewWriter", writer_of(Format.PREVIEW, options))
         self._changed = threading.Condition()
         self._newest: DepthFrame | None = None
         self._count, self._is_over = 0, False

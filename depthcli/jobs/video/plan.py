@@ -208,7 +208,7 @@ class VideoResult:
             "orientation": self.first.orientation,
             "kind": depth.kind.value,
             "unit": depth.unit,
-            "scale": writing.png_scale if depth.is_metric and not is_stretched else None,
+            "scale": writing.units_per_metre if depth.is_metric and not is_stretched else None,
             **of_png16,
             "scenes": self.scenes,
             "flicker": self.flicker,

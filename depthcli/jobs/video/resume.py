@@ -114,7 +114,7 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline) -> float | None:
     is_stretched = settings.smooth_s or writing.is_normalized
     if is_stretched or is_finer or not (is_in_steps and is_metric):
         return None
-    return writing.png_scale
+    return writing.units_per_metre
 
 
 def open_journal(

@@ -15,8 +15,8 @@ from depthcli.core.types import Frame
 from depthcli.errors import InputError, Message, about
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
+from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.sidecar import remove_video_sidecar
-from depthcli.io.formats.table import WriterOptions
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.jobs.image import ImageJob
 from depthcli.jobs.video.frames import (

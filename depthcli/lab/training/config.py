@@ -11,7 +11,7 @@ from depthcli.core.options import Rule
 from depthcli.core.types import DepthCodec
 from depthcli.core.validation import FieldError, merged
 from depthcli.errors import UsageError
-from depthcli.io.formats.table import MILLIMETRES
+from depthcli.io.formats.options import MILLIMETRES
 from depthcli.lab.metrics.depth import METRICS
 
 T = TypeVar("T")
