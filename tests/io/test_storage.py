@@ -30,7 +30,7 @@ from depthcli.io.storage.atomic import (
     workspace,
     write_text,
 )
-from depthcli.io.storage.paths import config_folder, data_folder, read_regular
+from depthcli.io.storage.paths import read_regular
 from depthcli.io.storage.temporary import (
     folder_lock,
     open_locked,
@@ -328,37 +328,3 @@ def test_a_file_that_may_not_be_read_is_not_replaced(
     (tmp_path / "a.png").write_bytes(b"secret")
     with pytest.raises(OutputError):
         guard.check(tmp_path / "a.png")
-
-
-@pytest.fixture(autouse=True)
-def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "HOME"):
-        monkeypatch.delenv(name, raising=False)
-
-
-@pytest.mark.parametrize(
-    ("platform", "variables", "data", "config"),
-    [
-        ("linux", {}, "~/.local/share/depthcli", "~/.config/depthcli"),
-        ("linux", {"XDG_DATA_HOME": "/d"}, "/d/depthcli", "~/.config/depthcli"),
-        ("linux", {"XDG_CONFIG_HOME": "c"}, "~/.local/share/depthcli", "~/.config/depthcli"),
-        ("darwin", {}, *["~/Library/Application Support/depthcli"] * 2),
-        ("win32", {"LOCALAPPDATA": "/l", "APPDATA": "/a"}, "/l/depthcli", "/a/depthcli"),
-        ("win32", {}, "~/depthcli", "~/depthcli"),
-    ],
-)
-def test_each_platform_has_its_folders(
-    platform: str,
-    variables: dict[str, str],
-    data: str,
-    config: str,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-) -> None:
-    for name in ("LOCALAPPDATA", "APPDATA"):
-        monkeypatch.delenv(name, raising=False)
-    for name, value in {"HOME": str(tmp_path), **variables}.items():
-        monkeypatch.setenv(name, value)
-    monkeypatch.setattr(sys, "platform", platform)
-    found = [str(folder()).replace(str(tmp_path), "~") for folder in (data_folder, config_folder)]
-    assert found == [data, config]

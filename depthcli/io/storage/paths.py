@@ -6,7 +6,6 @@ import math
 import os
 import re
 import stat
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -147,26 +146,17 @@ _PROGRAM = "depthcli"
 
 
 def data_folder() -> Path:
-    """Models: ``XDG_DATA_HOME``, else the platform's folder for an application's data."""
-    return _base_folder("XDG_DATA_HOME", "LOCALAPPDATA", ".local/share")
+    """The platform's folder for an application's data: models."""
+    from platformdirs import user_data_path  # noqa: PLC0415 - takes 10 ms
+
+    return user_data_path(_PROGRAM, appauthor=False)
 
 
 def config_folder() -> Path:
-    """Profiles: ``XDG_CONFIG_HOME``, else the platform's folder for an application's settings."""
-    return _base_folder("XDG_CONFIG_HOME", "APPDATA", ".config")
+    """The platform's folder for an application's settings: profiles and cameras."""
+    from platformdirs import user_config_path  # noqa: PLC0415 - takes 10 ms
 
-
-def _base_folder(variable: str, windows_variable: str, elsewhere: str) -> Path:
-    stated = os.environ.get(variable, "")
-    if os.path.isabs(stated):  # noqa: PTH117 - the XDG specification has relative ones ignored
-        return Path(stated) / _PROGRAM
-    home = Path(os.path.expanduser("~"))  # noqa: PTH111 - Path.home() raises where there is none
-    if sys.platform == "win32":
-        base = os.environ.get(windows_variable)
-        return (Path(base) if base else home) / _PROGRAM
-    if sys.platform == "darwin":
-        return home / "Library" / "Application Support" / _PROGRAM
-    return home / elsewhere / _PROGRAM
+    return user_config_path(_PROGRAM, appauthor=False, roaming=True)
 
 
 SHA256_KEY = "sha256"
