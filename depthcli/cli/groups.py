@@ -123,11 +123,9 @@ def grouped(command: Callable[..., int]) -> Callable[..., int]:
     @wraps(command)
     def flat(**values: Any) -> int:  # noqa: ANN401 - options of any type
         context = values.pop("context", None)
-        explicit = {
-            name: Given.of(context, values) for name, kind in hints.items() if kind is Given
-        }
+        words = {name: Given.of(context, values) for name, kind in hints.items() if kind is Given}
         groups = {name: _made(kind, values) for name, kind in hints.items() if is_dataclass(kind)}
-        return command(**values, **groups, **explicit)
+        return command(**values, **groups, **words)
 
     flat.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     flat.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}

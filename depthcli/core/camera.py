@@ -146,10 +146,8 @@ class Intrinsics:
         own_width, own_height = self.size_px
         # One side may be rounded to whole pixels.
         if abs(width * own_height - height * own_width) >= max(own_width, own_height):
-            own_size = f"{own_width}×{own_height}"
-            problem = (
-                f"the calibration is for {own_size} pixels, another aspect than {width}×{height}"
-            )
+            size = f"{own_width}×{own_height}"
+            problem = f"the calibration is for {size} pixels, another aspect than {width}×{height}"
             raise InputError(problem, "give its own focal length and principal point")
         scale = width / own_width
         x, y = ((centre + 0.5) * scale - 0.5 for centre in self.centre_px)

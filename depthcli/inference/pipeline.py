@@ -104,14 +104,14 @@ class Pipeline:
         is_panorama = any(frame.projection.is_other for frame in frames)
         if is_panorama or (self.session.load_known_depth and any(map(_is_for_network, anchors))):
             return [self._alone(*task) for task in zip(frames, cameras, anchors, strict=True)]
-        intrinsics = [
+        lens = [
             lenses.intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)
         ]
         frames = [
             frame
             if camera.pixel_aspect in {None, frame.pixel_aspect}
             else replace(frame, pixel_aspect=camera.pixel_aspect)
-            for frame, camera in zip(frames, intrinsics, strict=True)
+            for frame, camera in zip(frames, lens, strict=True)
         ]
         prepared = [prepare(self.card.input, frame) for frame in frames]
         if self.detail.mask is DepthMask.MODEL and self.card.output.mask is None:
@@ -124,7 +124,7 @@ class Pipeline:
             for frame, layout, points in zip(frames, layouts, known_points, strict=True)
         ]
         raws = self._run([single for single, _ in prepared], prompts)
-        estimates = map(self._model_depth, frames, raws, layouts, intrinsics, known_points)
+        estimates = map(self._model_depth, frames, raws, layouts, lens, known_points)
         parts = zip(estimates, frames, anchors, strict=True)
         return [_finished(one, f, points, followed) for (one, followed), f, points in parts]
 
@@ -341,14 +341,12 @@ def _camera_warnings(depth: DepthMap, frame: Frame) -> tuple[str, ...]:
     source = depth.provenance.camera_source
     width, height = frame.display_size_px
     if source is CameraSource.CARD and frame.focal_mm is not None:
-        problem = (
-            f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size"
-        )
+        text = f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size"
     elif source is CameraSource.EXIF and max(width, height) > _LONGEST * min(width, height):
-        problem = f"EXIF has the focal length of the lens, not of a panorama of {width}×{height}"
+        text = f"EXIF has the focal length of the lens, not of a panorama of {width}×{height}"
     else:
         return ()
-    return (Message(problem, "give {focal_px} or {hfov}, as metres may be far off"),)
+    return (Message(text, "give {focal_px} or {hfov}, as metres may be far off"),)
 
 
 def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> int | None:

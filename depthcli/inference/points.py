@@ -42,33 +42,29 @@ def depth_of_points(
     if has_depth is not None:
         chosen = has_depth[np.ix_(rows, columns)].ravel()
         directions, grid = directions[chosen], grid[chosen]
-    known_focal = (
-        None if hfov_deg is None else width / diagonal / math.tan(math.radians(hfov_deg) / 2)
-    )
-    shift, focal = 0.0, known_focal or 1.0
+    fixed = None if hfov_deg is None else width / diagonal / math.tan(math.radians(hfov_deg) / 2)
+    shift, focal = 0.0, fixed or 1.0
     if len(grid) >= _LEAST_POINTS:
-        shift = _best_shift(directions, grid, known_focal)
-        focal = _focal(directions, grid, shift, known_focal)
+        shift = _best_shift(directions, grid, fixed)
+        focal = _focal(directions, grid, shift, fixed)
     view_rad = 2 * math.atan2(width / diagonal, focal)
     return PointFit(points[..., 2] + np.float32(shift), math.degrees(view_rad))
 
 
-def _focal(
-    directions: Float64Array, grid: Float64Array, shift: float, known_focal: float | None
-) -> float:
+def _focal(rays: Float64Array, grid: Float64Array, shift: float, fixed: float | None) -> float:
     """The focal length by half the diagonal that fits a shift best."""
-    if known_focal is not None:
-        return known_focal
+    if fixed is not None:
+        return fixed
     flat = grid[:, :2] / (grid[:, 2:] + shift)
-    return float((flat * directions).sum() / (flat * flat).sum())
+    return float((flat * rays).sum() / (flat * flat).sum())
 
 
-def _best_shift(directions: Float64Array, grid: Float64Array, known_focal: float | None) -> float:
+def _best_shift(rays: Float64Array, grid: Float64Array, fixed: float | None) -> float:
     """The shift of least squares, by Levenberg's and Marquardt's steps from 0."""
 
     def errors(shift: float) -> Float64Array:
         flat = grid[:, :2] / (grid[:, 2:] + shift)
-        return (_focal(directions, grid, shift, known_focal) * flat - directions).ravel()
+        return (_focal(rays, grid, shift, fixed) * flat - rays).ravel()
 
     shift, damping, now = 0.0, _DAMPING, errors(0.0)
     step_size = 1e-6 * max(1.0, float(np.abs(grid[:, 2]).mean()))

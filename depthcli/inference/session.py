@@ -147,10 +147,8 @@ class Session:
         feed = {self._input: batch}
         spec = self.model.card.input
         if spec.prompt_inputs:
-            known_depth = spec.known_depth
-            size = (
-                batch.shape[2:] if known_depth is None else (known_depth.height, known_depth.width)
-            )
+            grid = spec.known_depth
+            size = batch.shape[2:] if grid is None else (grid.height, grid.width)
             nothing = np.zeros((len(spec.prompt_inputs), *size), np.float32)
             each = [None] * len(batch) if prompts is None else prompts
             stacked = np.stack([nothing if points is None else points for points in each])

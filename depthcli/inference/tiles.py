@@ -120,22 +120,20 @@ def _blend_weights(height: int, width: int) -> Float32Array:
     return np.asarray(np.outer(down, across) + 1e-6, np.float32)
 
 
-def _fit_tile(
-    tile_depth: Float32Array, reference: Float32Array, small: tuple[int, ...]
-) -> Float32Array:
+def _fit_tile(depth: Float32Array, coarse: Float32Array, small: tuple[int, ...]) -> Float32Array:
     """A tile's map fitted to the whole picture's by least squares, with its drift removed.
 
     The scale is fitted at the size ``small``, (columns, rows) of the whole picture's map before it
     was enlarged, because detail of the tile alone would bias it.
     """
-    mean_found, mean_wanted = tile_depth.mean(dtype=np.float64), reference.mean(dtype=np.float64)
-    x = resize_area(tile_depth, *small) - mean_found
-    y = resize_area(reference, *small) - mean_wanted
-    prior = _PRIOR_WEIGHT * float(tile_depth.var(dtype=np.float64))
+    mean_found, mean_wanted = depth.mean(dtype=np.float64), coarse.mean(dtype=np.float64)
+    x = resize_area(depth, *small) - mean_found
+    y = resize_area(coarse, *small) - mean_wanted
+    prior = _PRIOR_WEIGHT * float(depth.var(dtype=np.float64))
     spread = float((x * x).mean()) + prior
     # If a tile contradicts the whole picture, its detail is not used.
     scale = max(0.0, (float((x * y).mean()) + prior) / spread) if spread > 0 else 1.0
-    aligned = np.asarray(scale * (tile_depth - mean_found) + mean_wanted, np.float32)
-    sigma = _DRIFT_SIGMA_SHARE * max(tile_depth.shape)
-    drift = cv2.GaussianBlur(reference - aligned, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
+    aligned = np.asarray(scale * (depth - mean_found) + mean_wanted, np.float32)
+    sigma = _DRIFT_SIGMA_SHARE * max(depth.shape)
+    drift = cv2.GaussianBlur(coarse - aligned, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
     return aligned + drift

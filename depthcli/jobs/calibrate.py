@@ -81,15 +81,11 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
         raise UsageError(f"model {request.pipeline.card.name!r} gives no metres to correct")
     samples, cameras = [], dict[tuple[float, ...], Intrinsics]()
     warnings = [*request.camera.warnings]
-    for frame, known_points in _known(request):
+    for frame, truth in _known(request):
         depth = request.pipeline.predict(frame, replace(request.camera, scale=None)).depth
         name = str(frame.path or request.pairs)
         try:
-            points = (
-                known_points.within(depth.width, depth.height)
-                if len(known_points)
-                else known_points
-            )
+            points = truth.within(depth.width, depth.height) if len(truth) else truth
         except UsageError as error:
             raise InputError(error.message.about(name)) from error
         warnings += [about(name, warning) for warning in points.warnings]

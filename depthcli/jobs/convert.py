@@ -275,11 +275,9 @@ def _why_no_depth(path: str) -> str | None:
         return folders.HIDDEN
     if name.suffix.lower() not in table.READABLE_SUFFIXES or re.search(_OTHER_BIN, name.name):
         return name.suffix.lower() or "without suffix"
-    format_ = table.format_of(name)
-    is_image = (
-        format_ is not None and not format_.facts.is_readable and folders.is_own_picture(path)
-    )
-    return str(format_) if is_image else None
+    kind = table.format_of(name)
+    is_image = kind is not None and not kind.facts.is_readable and folders.is_own_picture(path)
+    return str(kind) if is_image else None
 
 
 def _stem(name: str) -> str:

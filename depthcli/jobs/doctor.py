@@ -102,18 +102,8 @@ def check_conflicts() -> Iterator[Check]:
         ("onnxruntime packages", "onnxruntime", "onnxruntime/__init__.py"),
         ("OpenCV packages", "opencv", "cv2/__init__.py"),
     ):
-        named = (
-            distribution
-            for distribution in distributions()
-            if distribution.name.lower().startswith(prefix)
-        )
-        packages = sorted(
-            {
-                distribution.name
-                for distribution in named
-                if module in map(str, distribution.files or ())
-            }
-        )
+        named = (dist for dist in distributions() if dist.name.lower().startswith(prefix))
+        packages = sorted({dist.name for dist in named if module in map(str, dist.files or ())})
         detail = ", ".join(packages) or "not installed as a package"
         if len(packages) > 1:
             detail += " overwrite each other; uninstall all of them, then install one"

@@ -282,12 +282,8 @@ def _json_object(text: str | bytes, where: str) -> dict[str, Any]:
 
 
 def _complete_card(draft: CardDraft, facts: OnnxFacts, name: str | None) -> ModelCard:
-    onnx_fields = draft.fields.get("onnx")
-    output = (
-        {"output": onnx_fields["output"]}
-        if isinstance(onnx_fields, dict) and "output" in onnx_fields
-        else {}
-    )
+    onnx = draft.fields.get("onnx")
+    output = {"output": onnx["output"]} if isinstance(onnx, dict) and "output" in onnx else {}
     fields = draft.fields | {
         "onnx": {"opset": facts.opset, "ir": facts.ir, **output},
         "file": _FILE_NAME,

@@ -143,15 +143,11 @@ class Destination(Generic[FormatT]):
         path = self.path
         if path is None or self.kind is Kind.FOLDER or self.stem is not None:
             base = path.with_name(self.stem) if path and self.stem is not None else base
-            return {
-                format_: base.with_name(base.name + format_.facts.suffix) for format_ in self.wanted
-            }
+            return {kind: base.with_name(base.name + kind.facts.suffix) for kind in self.wanted}
         stem = base_name(path.stem) if self.kind is Kind.PATTERN else path.stem
         rest = path.stem.removeprefix(stem)  # such as .%04d
-        ends = {
-            format_: format_.facts.suffix.replace(".%06d", rest) for format_ in self.formats[1:]
-        }
-        named = {format_: path.with_name(stem + end) for format_, end in ends.items()}
+        ends = {kind: kind.facts.suffix.replace(".%06d", rest) for kind in self.formats[1:]}
+        named = {kind: path.with_name(stem + end) for kind, end in ends.items()}
         beside = {} if self.sidecar is None else {self.sidecar: path.with_name(f"{stem}.json")}
         return {self.formats[0]: path, **named, **beside}
 
@@ -199,18 +195,14 @@ def _formats_of_pattern(
     if rules.of_pattern is None:
         what = "is a pattern for numbered files of a video"
         raise _out_error(path, what, "name one file, or a folder")
-    numbered = [
-        format_ for format_ in chosen if "%" in format_.facts.suffix
-    ]  # two may have one suffix
-    fitting = [
-        format_ for format_ in numbered if Path(format_.facts.suffix).suffix == suffix_of(path)
-    ]
+    numbered = [kind for kind in chosen if "%" in kind.facts.suffix]  # two may have one suffix
+    fitting = [kind for kind in numbered if Path(kind.facts.suffix).suffix == suffix_of(path)]
     named_format: FormatT | None = fitting[0] if fitting else rules.of_pattern(path.name)
     if named_format is None or (chosen and named_format not in chosen):
         what = "is a pattern for numbered files, which end in .png, .exr or .npy"
         raise _out_error(path, what, "give such a name, and its {format} with any other")
     formats: list[FormatT] = [named_format]
-    formats += [format_ for format_ in chosen if format_ != named_format]
+    formats += [kind for kind in chosen if kind != named_format]
     return tuple(formats)
 
 

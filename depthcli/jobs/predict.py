@@ -55,13 +55,11 @@ class PredictRequest(MapOptions):
         is_shared = bool(anchors) if isinstance(anchors, tuple) else not anchors.is_by_image
         if len(self.pictures) == 1 or not is_shared:
             return self.camera.warnings
-        problem = (
-            f"{len(self.pictures)} images are fitted to one set of points, which is right only "
-        )
+        text = f"{len(self.pictures)} images are fitted to one set of points, which is right only "
         advice = "'depthcli batch' takes a folder of {anchors} with a file for each image"
         return (
             *self.camera.warnings,
-            Message(f"{problem}if neither camera nor scene moved", advice),
+            Message(f"{text}if neither camera nor scene moved", advice),
         )
 
 

@@ -317,19 +317,17 @@ def _segments(
 
     Those of a stream follow the ones that an earlier run wrote, which cannot be made again.
     """
-    videos = [
-        format_ for format_ in names if format_.facts.is_preview or format_ is VideoFormat.MKV
-    ]
+    videos = [kind for kind in names if kind.facts.is_preview or kind is VideoFormat.MKV]
     if not videos or STDIO in names.values() or isinstance(folder, paths.RemotePath):
         problem = "only video files in a local folder have a limited length"
         raise UsageError(problem, "choose another {out}", option="segment")
     named = {
-        format_: numbering.segments_pattern(name) if format_ in videos else name
-        for format_, name in names.items()
+        kind: numbering.segments_pattern(name) if kind in videos else name
+        for kind, name in names.items()
     }
     if request.live is None:
         return named, 0
-    return named, numbering.next_segment(folder, [named[format_] for format_ in videos])
+    return named, numbering.next_segment(folder, [named[kind] for kind in videos])
 
 
 def _stdout_name(formats_: Sequence[VideoFormat]) -> dict[VideoFormat, str]:

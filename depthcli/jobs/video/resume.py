@@ -126,17 +126,16 @@ def open_journal(
     previous ones; in an object store; or if the other outputs cannot be made from the depth that is
     kept. The record of an earlier run is removed then, because this run replaces its frames.
     """
-    numbered = [format_ for format_ in plan.names if format_ in SEQUENCES]
+    numbered = [kind for kind in plan.names if kind in SEQUENCES]
     if not numbered or isinstance(plan.folder, RemotePath):
         return FrameJournal()
     path = plan.folder / f".{base_name(plan.names[numbered[0]])}.depthcli-frames"
     is_whole = rounding_scale(plan, pipeline) is not None or any(
-        format_.facts.is_exact
-        and not (plan.settings.writing.half and "half" in format_.facts.options)
-        for format_ in numbered
+        kind.facts.is_exact and not (plan.settings.writing.half and "half" in kind.facts.options)
+        for kind in numbered
     )
     is_alone = set(plan.names) <= set(SEQUENCES)
-    is_readable = any(SEQUENCES[format_].facts.is_readable for format_ in numbered)
+    is_readable = any(SEQUENCES[kind].facts.is_readable for kind in numbered)
     can_resume = not plan.settings.smooth_s and bool(source.paths) and (is_whole or is_alone)
     can_resume &= is_readable
     with os_errors_as(OutputError, f"cannot write into {plan.folder}", "choose another {out}"):
