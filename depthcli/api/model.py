@@ -36,10 +36,11 @@ _Reader: TypeAlias = tuple[Callable[[], Frame], AnchorPoints | None]
 
 
 def _readers(tasks: Iterable[_Task], white_level: int | None) -> Iterator[_Reader]:
-    """What reads each image, and its points; what ends the iterator is raised by the last one.
+    """A function that reads each image, with the image's points.
 
-    Pixels in memory are copied here, since the caller may overwrite a buffer, or close a PIL
-    image, before they are processed; files are not read.
+    Files are read when that is called. Pixels in memory are copied here, since the caller may
+    overwrite a buffer, or close a PIL image, before they are processed. If the iterator of images
+    raises an error, the last function raises it.
     """
     try:
         for picture, points in tasks:

@@ -154,7 +154,7 @@ class Intrinsics:
         return x, y
 
     def of_image(self, camera: "Intrinsics | None") -> "Intrinsics":
-        """The camera of one image, of which another may be known, that has no principal point."""
+        """The camera of one image: its own, completed by this one; this one if it has none."""
         if camera is None:
             return self
         if camera.centre_px is None:

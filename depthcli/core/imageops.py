@@ -1,10 +1,11 @@
-"""Resizing with half-pixel centres, the same in training, inference and evaluation.
+"""Operations on images and maps: resizing, brightness, filling, sampling, guided upsampling.
 
-Upsampling of a coarse map so that its edges follow those of a picture.
+Resizing has half-pixel centres, and is the same in training, inference and evaluation.
 
-Around each coarse pixel, the map is modelled as a linear function of the picture's brightness. The
-coefficients are upsampled, a few rows at a time, and applied to the picture itself. Slopes are
-multiplied by a gain first, because a network's edges are blurred.
+Guided upsampling makes the edges of a coarse map follow those of an image. Around each coarse
+pixel, the map is modelled as a linear function of the image's brightness. The coefficients are
+upsampled, a few rows at a time, and applied to the image itself. Slopes are multiplied by a gain
+first, because a network's edges are blurred.
 
 Source: He, Sun and Tang, "Guided Image Filtering", TPAMI 2013; He and Sun, "Fast Guided Filter",
 arXiv:1505.00996. The gain and the clamping to the local range are our own.

@@ -346,7 +346,7 @@ def displayed_frame(frame: Frame) -> Frame:
 
 
 def seen_frame(frame: Frame) -> Frame:
-    """A frame without overscan that its file lacks, though others of its sequence have it."""
+    """A frame cut to the pixels of its file, where other files of a sequence have more overscan."""
     return frame if frame.windows is None else _cut(frame, frame.windows, frame.windows.seen)
 
 

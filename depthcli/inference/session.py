@@ -176,10 +176,11 @@ class Session:
         return self.load_known_depth and self.load_known_depth()
 
     def identity(self, *, knows_depth: bool = False) -> tuple[object, ...]:
-        """What depth depends on besides an image and options, also where it is known if told so.
+        """What depth depends on besides the image and the options, for fingerprints.
 
-        Providers differ in the last digits. The card matters as much as the weights, and is not
-        part of their file.
+        That is the weights, the card, which is not part of their file, and the provider, because
+        providers differ in the last digits. With ``knows_depth``, the network for known depth
+        counts as well.
         """
         card, other = self.model.card, self.known_depth if knows_depth else None
         identity = self.model.sha256, card.input, card.output, card.camera

@@ -1,4 +1,4 @@
-"""Making the network's input tensor from a picture, as the model's card states."""
+"""Between image and network, as the card states: layout, input, known depth, depth of the output."""
 
 import math
 from typing import Any, NamedTuple

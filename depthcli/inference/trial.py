@@ -1,4 +1,4 @@
-"""Trial runs of models."""
+"""Trial runs of a model on gray images, and telling a broken model from a bad image."""
 
 import numpy as np
 

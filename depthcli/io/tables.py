@@ -1,4 +1,4 @@
-"""CSV tables whose first line names the columns; errors name the line and the column."""
+"""CSV tables, whose errors name line and column; the table of cameras, one row an image."""
 
 import csv
 import math

@@ -122,7 +122,7 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
 
 
 def _camera(depth: DepthMap, frame: Frame, camera: Intrinsics) -> Intrinsics:
-    """What an image of a camera says of it, for others of any size."""
+    """The camera as one of its images shows it, in a form that fits images of any size."""
     size_px, source = frame.display_size_px, depth.provenance
     return Intrinsics(
         hfov_deg=source.focal_px and hfov_deg(source.focal_px, size_px[0]),

@@ -1,4 +1,4 @@
-"""Adding models to the user's folder."""
+"""Adding, removing and verifying models in the user's folder; downloads of published ones."""
 
 import errno
 import json
