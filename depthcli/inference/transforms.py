@@ -1,4 +1,4 @@
-"""Between image and network, as the card states: layout, input, known depth, depth of the output."""
+"""Between image and network, as the card states: layout, input tensor, known depth, output."""
 
 import math
 from typing import Any, NamedTuple
