@@ -42,7 +42,7 @@ from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.images.png import encode_png
 from depthcli.io.images.read import read_image
 from depthcli.io.images.tiff import parse_exif
-from depthcli.io.listing.folder import is_own_picture
+from depthcli.io.listing.folder import is_own_image
 from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list
 from depthcli.io.tables import read_lenses
 from depthcli.jobs.video.resume import FrameJournal
@@ -421,7 +421,7 @@ TARGETS: dict[str, Target] = {
     "headers": Target("a.bin", _all_pictures, lambda path: parse_exif(path.read_bytes()), 4),
     "training-picture": Target("a.png", _pngs, read_image_rgb),
     "training-depth": Target("a.png", _depth_pngs, lambda path: read_truth(path, _MM)),
-    "own-png": Target("a.depth.png", _depth_pngs, is_own_picture),
+    "own-png": Target("a.depth.png", _depth_pngs, is_own_image),
     "depth-png": Target("a.png", _depth_pngs, _exr_or_facts),
     "exr": Target("a.exr", _exrs, _exr_or_facts, 2),
     "exr-plate": Target("a.exr", _plates, _read_exr_image, 2),

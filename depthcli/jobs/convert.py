@@ -276,7 +276,7 @@ def _why_no_depth(path: str) -> str | None:
     if name.suffix.lower() not in table.READABLE_SUFFIXES or re.search(_OTHER_BIN, name.name):
         return name.suffix.lower() or "without suffix"
     kind = table.format_of(name)
-    is_image = kind is not None and not kind.facts.is_readable and folders.is_own_picture(path)
+    is_image = kind is not None and not kind.facts.is_readable and folders.is_own_image(path)
     return str(kind) if is_image else None
 
 

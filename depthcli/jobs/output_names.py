@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
 
-from depthcli.io.listing.folder import is_exr, is_media, is_own_picture
+from depthcli.io.listing.folder import is_exr, is_media, is_own_image
 from depthcli.io.storage.paths import RemotePath
 
 STDIN_STEM = "stdin"
@@ -119,7 +119,7 @@ def output_bases(sources: Sequence[Path | None]) -> list[str]:
         names = own | {
             name
             for name in filter(is_media, namesakes(folder, own))
-            if not (folder / name).is_dir() and not is_own_picture(folder / name)
+            if not (folder / name).is_dir() and not is_own_image(folder / name)
         }
         others = {name for name in names if not is_exr(name)}
         for them, among in ((own & others, TreeNames(others)), (own - others, TreeNames(names))):

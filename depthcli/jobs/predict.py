@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import FILE_SUFFIXES, Format, format_of, stem_of
-from depthcli.io.listing.folder import is_own_picture
+from depthcli.io.listing.folder import is_own_image
 from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.jobs import outputs
 from depthcli.jobs.outputs import STDIO, Destination, Kind, MapOptions, OutputPlan
@@ -93,7 +93,7 @@ def predict(request: PredictRequest) -> Iterator[PredictResult | FailedInput]:
 
 def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Inputs, and those to skip because depthcli wrote them; UsageError if it wrote all."""
-    written = [name for name in names if name != STDIO and is_own_picture(name)]
+    written = [name for name in names if name != STDIO and is_own_image(name)]
     others = [name for name in names if name not in written]
     if not others:
         raise UsageError(

@@ -15,10 +15,10 @@ from depthcli.io.formats.table import READABLE_SUFFIXES
 from depthcli.io.listing.folder import (
     EXR_SUFFIX,
     HEIF_SUFFIXES,
-    PICTURE_SUFFIXES,
+    IMAGE_SUFFIXES,
     is_exr,
-    is_own_picture,
-    is_picture,
+    is_image,
+    is_own_image,
 )
 from depthcli.io.storage.paths import RemotePath, path_of
 
@@ -54,7 +54,7 @@ def is_sequence(path: str | Path) -> bool:
 def is_single_image(name: str) -> bool:
     """Whether a name has the suffix of an image; a GIF counts as a video."""
     suffix = PurePath(name).suffix.lower()
-    return suffix != ".gif" and suffix in (*PICTURE_SUFFIXES, *HEIF_SUFFIXES, EXR_SUFFIX)
+    return suffix != ".gif" and suffix in (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, EXR_SUFFIX)
 
 
 def numbered_name(pattern: str, number: int) -> str:
@@ -141,7 +141,7 @@ def find_images(path: Path, *, is_depth: bool = False) -> list[NumberedImage]:
     if not matching:
         what = "no image" if is_folder else "no such image: nothing fits the pattern"
         raise InputError(f"{path} has {what}", "see docs/video.md for image sequences")
-    paths = [file for file in matching if is_depth or not is_own_picture(file)]
+    paths = [file for file in matching if is_depth or not is_own_image(file)]
     if not paths:
         problem = f"{matching[0]} was written by depthcli, as was all of {path}"
         raise InputError(problem, "name the images that it was made of")
@@ -176,7 +176,7 @@ def listed_names(folder: Path) -> Iterable[str]:
 
 def is_sequence_image(name: str) -> bool:
     """Whether a name is that of an image, EXR included, by its suffix, and not hidden."""
-    return not name.startswith(".") and (is_picture(name) or is_exr(name))
+    return not name.startswith(".") and (is_image(name) or is_exr(name))
 
 
 def _is_depth_file(name: str) -> bool:

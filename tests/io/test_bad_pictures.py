@@ -22,7 +22,7 @@ from depthcli.errors import DatasetError, InputError
 from depthcli.io.depth.read import AS_STATED, read_stored_depth
 from depthcli.io.images.opencv import IMAGE_SUFFIXES, can_round_trip
 from depthcli.io.images.read import read_image
-from depthcli.io.listing.folder import is_own_picture
+from depthcli.io.listing.folder import is_own_image
 from depthcli.lab.datasets.folders import read_image_rgb, read_truth
 from robustness.fuzz import OF_LIBRARIES, file_of, problem
 from robustness.fuzz_targets import TARGETS
@@ -160,14 +160,14 @@ def test_opencv_reads_and_writes_each_format(suffix: str) -> None:
 
 @pytest.mark.parametrize("name", ["/dev/zero", "/dev/null", "/proc/kmsg", "/proc/self/status"])
 def test_device_is_not_read(name: str) -> None:
-    assert not is_own_picture(name)
+    assert not is_own_image(name)
     with pytest.raises(InputError):
         read_image(name)
 
 
 @pytest.mark.parametrize("name", ["a\0.png", "\ud800.png", "a" * 300])
 def test_impossible_name_is_refused(name: str) -> None:
-    assert not is_own_picture(name)
+    assert not is_own_image(name)
     for read in (read_image, read_stored_depth):
         with pytest.raises(InputError):
             read(name)
@@ -176,7 +176,7 @@ def test_impossible_name_is_refused(name: str) -> None:
 def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
     pipe = tmp_path / "a.png"
     os.mkfifo(pipe)
-    assert not is_own_picture(pipe)
+    assert not is_own_image(pipe)
     for read in (read_image, read_stored_depth):
         with pytest.raises(InputError):
             read(pipe)

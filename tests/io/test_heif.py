@@ -12,7 +12,7 @@ from helpers.heifs import heic, pillow_heif
 from depthcli.errors import InputError
 from depthcli.io.images.heif import is_heif
 from depthcli.io.images.read import check, read_image
-from depthcli.io.listing.folder import Skipped, conversion_hint, is_picture
+from depthcli.io.listing.folder import Skipped, conversion_hint, is_image
 
 WIDTH, HEIGHT = 96, 64
 _ROWS, _COLUMNS = np.mgrid[:HEIGHT, :WIDTH]
@@ -159,12 +159,12 @@ NAMES = ("a.heic", "A.HEIC", "a.heif", "a.HIF")
 
 
 def test_names_of_heif_are_those_of_pictures() -> None:
-    assert all(map(is_picture, NAMES))
-    assert not is_picture("heic")
+    assert all(map(is_image, NAMES))
+    assert not is_image("heic")
 
 
 @pytest.mark.usefixtures("without_heif")
 def test_without_pillow_heif_they_are_skipped_with_advice() -> None:
-    assert not any(map(is_picture, NAMES))
+    assert not any(map(is_image, NAMES))
     hint = conversion_hint([Skipped("a.heic", ".heic"), Skipped("b.dng", ".dng")])
     assert (hint or "").endswith("'depthcli[heif]'")

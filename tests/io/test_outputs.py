@@ -23,7 +23,7 @@ from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import FORMATS, Format
-from depthcli.io.listing.folder import is_own_picture
+from depthcli.io.listing.folder import is_own_image
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.jobs.output_names import TreeNames
 from depthcli.jobs.outputs import OutputPlan, plan_outputs
@@ -114,7 +114,7 @@ def test_own_pictures_are_known_by_their_content(tmp_path: Path) -> None:
         "missing",
         ".",
     )
-    assert [is_own_picture(tmp_path / name) for name in names] == [*[True] * 3, *[False] * 5]
+    assert [is_own_image(tmp_path / name) for name in names] == [*[True] * 3, *[False] * 5]
 
 
 @pytest.mark.parametrize(

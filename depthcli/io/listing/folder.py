@@ -16,17 +16,17 @@ from depthcli.io.storage.paths import RemotePath, path_of
 
 EXR_MAGIC = b"v/1\x01"  #: the first bytes of every EXR
 _IMAGES = (".png", ".exr", ".tif", ".tiff", ".pgm")
-_PICTURE_NAME = (
+_IMAGE_NAME = (
     r"(?i)(\.((depth|normals)(\.\d{6,})?\.(png|pgm|tiff?)|(preview|stereo)\.png)"
     r"|(depth|normals)[^/]*\.exr)$"
 )
 _OTHER_NAME = r"(?i)\.(depth\.(mkv|tar|parquet)|stereo\.mp4|preview\.(mp4|webm|mov))$"
 
 
-def is_own_picture(path: str | Path) -> bool:
+def is_own_image(path: str | Path) -> bool:
     """Whether a file is an image that depthcli wrote; in a store, by its name first."""
     path = path_of(path)
-    if isinstance(path, RemotePath) and not re.search(_PICTURE_NAME, path.name):
+    if isinstance(path, RemotePath) and not re.search(_IMAGE_NAME, path.name):
         return False  # saves a request for each input
     try:
         return path.suffix.lower() in _IMAGES and is_own(path)
@@ -41,8 +41,8 @@ def is_own_exr(data: bytes) -> bool:
 
 def is_own_output(path: str) -> bool:
     """Whether a file found in a folder is an output: an image if opened, others by their name."""
-    is_named = re.search(_PICTURE_NAME, path)
-    return bool(re.search(_OTHER_NAME, path) or (is_named and is_own_picture(path)))
+    is_named = re.search(_IMAGE_NAME, path)
+    return bool(re.search(_OTHER_NAME, path) or (is_named and is_own_image(path)))
 
 
 HEIF_SUFFIXES = (".heic", ".heif", ".hif")
@@ -102,11 +102,11 @@ def conversion_hint(skipped: Sequence[Skipped]) -> str | None:
     )
 
 
-PICTURE_SUFFIXES = (
+IMAGE_SUFFIXES = (
     *(".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp", ".avif"),
     *(".bmp", ".dib", ".gif", ".pbm", ".pgm", ".ppm", ".pnm"),
 )
-EXR_SUFFIX = ".exr"  #: not among ``PICTURE_SUFFIXES``: most such files in a folder hold no image
+EXR_SUFFIX = ".exr"  #: not among ``IMAGE_SUFFIXES``: most such files in a folder hold no image
 VIDEO_SUFFIXES = (
     *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg"),
     *(".mts", ".m2ts", ".ts", ".mxf", ".wmv", ".flv", ".ogv", ".3gp"),
@@ -166,15 +166,15 @@ def is_exr(name: str) -> bool:
     return _suffix(name) == EXR_SUFFIX
 
 
-def is_picture(name: str) -> bool:
+def is_image(name: str) -> bool:
     """Whether a name's suffix is that of an image that is read here, EXR apart."""
     suffix = _suffix(name)
-    return suffix in PICTURE_SUFFIXES or (suffix in EXTRAS and is_installed(EXTRAS[suffix][0]))
+    return suffix in IMAGE_SUFFIXES or (suffix in EXTRAS and is_installed(EXTRAS[suffix][0]))
 
 
 def is_media(name: str) -> bool:
     """Whether a name is an image's or a video's by its suffix, and not hidden."""
-    return not name.startswith(".") and (is_picture(name) or is_video(name))
+    return not name.startswith(".") and (is_image(name) or is_video(name))
 
 
 def why_skipped(path: str) -> str | None:

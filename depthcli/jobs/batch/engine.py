@@ -143,7 +143,7 @@ class WorkerProcesses:
         end = self._free.get()
         try:
             end.send(chunk)
-            found: list[BatchResult] | Exception = end.recv()
+            answer: list[BatchResult] | Exception = end.recv()
         except (EOFError, OSError) as error:
             names = ", ".join(task.input.path for task in chunk)
             raise EngineError(
@@ -152,9 +152,9 @@ class WorkerProcesses:
             ) from error
         finally:
             self._free.put(end)
-        if isinstance(found, Exception):
-            raise found
-        return found
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
 
 def _serve(spec: WorkerSpec, ends: Sequence[Connection]) -> None:

@@ -1,6 +1,6 @@
 """Running a batch on a Ray cluster; each worker is a process that loads the model once.
 
-Plain actors rather than Ray Data: a dead worker must cost only its own pictures, a picture that
+Plain actors rather than Ray Data: a dead worker must cost only its own images, an image that
 kills its worker must fail alone, and results must reach the journal call by call.
 
 A worker has one call at a time. When it dies, the inputs of the call are retried one by one, so
@@ -129,15 +129,15 @@ class WorkerPool:
             done = self._ray.wait(list(self._futures), num_returns=1, timeout=_POLL_INTERVAL_S)[0]
             self._poll(0)
         worker, call = self._futures.pop(done[0])
-        found = self._result(done[0])
-        if isinstance(found, CacheKey):
-            self._key = found
+        result = self._result(done[0])
+        if isinstance(result, CacheKey):
+            self._key = result
             self._idle.append(worker)
-        elif isinstance(found, list):
+        elif isinstance(result, list):
             self._idle.append(worker)
-            yield found
+            yield result
         elif call is None:
-            self._handle_failed_start(found)
+            self._handle_failed_start(result)
         else:
             self._start_worker()
             yield from self._handle_lost_worker(call)
@@ -186,7 +186,7 @@ _SHUTDOWN_TIMEOUT_S = 5.0
 _POLL_INTERVAL_S = 0.5
 LOCAL_CLUSTER: dict[str, Any] = {
     "include_dashboard": False,
-    "object_store_memory": 100_000_000,  # pictures go through files
+    "object_store_memory": 100_000_000,  # images go through files
     "_node_ip_address": "127.0.0.1",
 }  #: options of ``ray.init`` for a cluster of this machine only, which no other can reach
 
@@ -235,14 +235,14 @@ class RayEngine:
     def run(
         self, spec: WorkerSpec, chunks: Chunks, videos: Iterable[BatchTask], record: Record
     ) -> Generator[BatchResult, None, None]:
-        """Process pictures and videos, as every engine does."""
-        own = self._ray.remote(num_cpus=self._cpus, num_gpus=self._gpus, max_restarts=0)
-        kind = own(RemoteWorker)
+        """Process images and videos, as every engine does."""
+        actor = self._ray.remote(num_cpus=self._cpus, num_gpus=self._gpus, max_restarts=0)
+        worker = actor(RemoteWorker)
         here = os.getcwd()  # noqa: PTH109
-        pool = WorkerPool(self._ray, lambda: kind.remote(spec, here, self._cpus), self._poll)
+        pool = WorkerPool(self._ray, lambda: worker.remote(spec, here, self._cpus), self._poll)
         rest = iter(chunks)
         groups = iter(lambda: tuple(islice(rest, _CHUNKS_PER_CALL)), ())
-        calls = chain(map(Call, groups), (Call(((one,),), is_video=True) for one in videos))
+        calls = chain(map(Call, groups), (Call(((task,),), is_video=True) for task in videos))
         try:
             for results in pool.results(calls, self._workers):
                 record(results)
@@ -267,8 +267,8 @@ def _connect(ray: Any, address: str) -> None:  # noqa: ANN401 - a module
             "{ray_address} local start one for this batch",
         ) from error
     except (RuntimeError, ValueError, OSError, ray.exceptions.RayError) as error:
-        said = " ".join(str(error).split())
-        raise EngineError(one_line(f"cannot join the Ray cluster {address}: {said}")) from error
+        reason = " ".join(str(error).split())
+        raise EngineError(one_line(f"cannot join the Ray cluster {address}: {reason}")) from error
     finally:
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, before)
