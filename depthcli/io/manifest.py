@@ -1,30 +1,29 @@
 """Rows of a batch's inputs: the manifest, and the journal from which a killed batch is resumed.
 
-Rows are appended line by line to the journal, a hidden file, not kept in memory. When the batch
-ends without being killed, they are written to the manifest atomically.
+Rows are appended line by line to the journal, a hidden file. When the batch ends without being
+killed, they are written to the manifest atomically.
 """
 
 import hashlib
 import json
 import os
 import re
-import shutil
-import sqlite3
 import threading
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Container, Iterable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Annotated, Any, BinaryIO, Self
 
 from depthcli.core.options import AnchorsFit, Rule
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import OutputError, UsageError, os_errors_as
 from depthcli.io.storage.atomic import append_whole, atomic_path
-from depthcli.io.storage.objects import fetch
-from depthcli.io.storage.paths import RemotePath, object_checksum, regular_size
-from depthcli.io.storage.temporary import folder_lock, open_locked, temporary_folder
+from depthcli.io.storage.paths import RemotePath, download, object_checksum, regular_size
+from depthcli.io.storage.temporary import folder_lock, open_locked
 
 OK = "ok"
 FAILED = "failed"
@@ -72,37 +71,31 @@ class ManifestRow:
     outputs: tuple[OutputFile, ...] = ()  #: what was written
     seconds: Annotated[float, _SECONDS] = 0.0  #: from opening the input to the last output
     input_sha256: str | None = None  #: checksum of the input; None if it could not be read
+    #: full path of the input, or its URI without password and signature; None in older manifests
+    input_path: str | None = None
     error: str | None = None  #: why it failed; None if it did not
     warnings: tuple[str, ...] = ()  #: one-line texts
     #: the camera that its metres are for, and how it is known; None without metres
     camera: str | None = None
     anchors: AnchorEntry | None = None  #: the known points it was fitted to; None if it was not
-    #: full path of the input, or its URI without password and signature; None in older manifests
-    input_path: str | None = None
 
     def as_json(self) -> dict[str, object]:
         """The fields of one line."""
         # Not dataclasses.asdict, which copies so deeply that it takes as long as a checksum.
-        return {
-            "input": self.input,
-            "status": self.status,
+        fields = _fields(self) | {
             "outputs": [_fields(file) for file in self.outputs],
             "seconds": round(self.seconds, 6),
-            "input_sha256": self.input_sha256,
-            "input_path": self.input_path,
-            "error": self.error,
-            "warnings": self.warnings,
-            "camera": self.camera,
             "anchors": self.anchors and _fields(self.anchors),
-            **_fields(self.key),
         }
+        del fields["key"]
+        return fields | _fields(self.key)
 
     def as_line(self) -> bytes:
         """One line; names with bytes that are not UTF-8 are escaped as Python does."""
         return json.dumps(self.as_json(), ensure_ascii=True).encode() + b"\n"
 
 
-def _fields(entry: AnchorEntry | CacheKey | OutputFile) -> dict[str, object]:
+def _fields(entry: AnchorEntry | CacheKey | ManifestRow | OutputFile) -> dict[str, object]:
     return {name: getattr(entry, name) for name in entry.__slots__}
 
 
@@ -116,16 +109,14 @@ def parse_row(line: bytes) -> ManifestRow | None:
         return None
 
 
-def checksum(path: Path) -> OutputFile | None:
-    """Size and checksum of a file on disk, with its path; None if there is none."""
+def checksum(path: Path) -> tuple[int, str] | None:
+    """Size and SHA-256 of a file on disk; None if there is none."""
     try:
         if isinstance(path, RemotePath):
-            found = object_checksum(path)
-            return found and OutputFile(str(path), *found)
+            return object_checksum(path)
         size = regular_size(path)
         with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-        return OutputFile(os.fspath(path), size, digest)
+            return size, hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         if isinstance(path, RemotePath):
             raise OutputError(f"{path} cannot be checked: {error.strerror}") from error
@@ -134,23 +125,20 @@ def checksum(path: Path) -> OutputFile | None:
 
 def is_intact(folder: Path, file: OutputFile) -> bool:
     """Whether a file is unchanged since it was written."""
-    path = folder / file.path
-    found = checksum(path)
-    return found is not None and (found.bytes, found.sha256) == (file.bytes, file.sha256)
+    return checksum(folder / file.path) == (file.bytes, file.sha256)
 
 
 def output_entry(folder: Path, path: Path) -> OutputFile:
     """The entry of a file just written."""
-    found = checksum(path)
-    if found is None:
+    size_and_checksum = checksum(path)
+    if size_and_checksum is None:
         raise OutputError(f"{path} is gone, or cannot be read, after it was written")
-    return OutputFile(path.relative_to(folder).as_posix(), found.bytes, found.sha256)
+    return OutputFile(path.relative_to(folder).as_posix(), *size_and_checksum)
 
 
-_NAME = re.compile(r"(?:(\.depthcli-batch)|manifest)(-\d+-of-(\d+))?\.jsonl")
 _PREFIXES = (".depthcli-batch", "manifest")
+_NAME = re.compile(r"(\.depthcli-batch|manifest)(-\d+-of-\d+)?\.jsonl(\.\d{20}-[0-9a-f]{8})?")
 _UPLOAD_INTERVAL_S = 5.0
-_PART = re.compile(r"\.\d{20}-[0-9a-f]{8}$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,11 +183,6 @@ class Shard:
         """Name of the file with the rows of a finished batch."""
         return f"manifest{self.tag}.jsonl"
 
-    def owns(self, path: Path) -> bool:
-        """Whether all rows of a file are of this part's inputs."""
-        found = _NAME.fullmatch(path.name)
-        return found is not None and (self.count == 1 or found[2] == self.tag)
-
 
 WHOLE = Shard()
 
@@ -209,253 +192,204 @@ def is_journal(path: Path) -> bool:
     return path.name.startswith(_PREFIXES[0])
 
 
-def row_files(folder: Path, shard: Shard) -> list[Path]:
-    """The files that can hold rows of a shard's inputs, not of its sisters; the latest last."""
-    found = []
-    for path in (*folder.glob("manifest*"), *folder.glob(".depthcli-batch*")):
-        match = _NAME.fullmatch(path.name)
-        is_others = match and match[3] == str(shard.count) and match[2] != shard.tag
-        if match and not is_others and path.exists():
-            found.append(path)
-    return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+def row_files(folder: Path) -> list[Path]:
+    """The manifests and journals in a folder, of all shards, the latest last."""
+    times_s = dict[Path, float]()
+    for name in filter(_NAME.fullmatch, _names_in(folder)):
+        with suppress(FileNotFoundError):  # another shard has just ended
+            times_s[folder / name] = (folder / name).stat().st_mtime
+    return sorted(times_s, key=lambda path: (times_s[path], path.name))
+
+
+def _names_in(folder: Path) -> Iterator[str]:
+    for prefix in _PREFIXES:
+        if not isinstance(folder, RemotePath):
+            yield from (path.name for path in folder.glob(f"{prefix}*"))
+            continue
+        for name in folder.walk_names(prefix):
+            if not name.startswith(prefix):
+                break
+            yield name
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[BinaryIO]:
+    """An open file, or a copy of an object."""
+    if isinstance(path, RemotePath):
+        with TemporaryFile() as copy:
+            download(path, copy, max_bytes=None)
+            copy.seek(0)
+            yield copy
+    else:
+        regular_size(path)  # waits for no pipe
+        with path.open("rb") as file:
+            yield file
 
 
 def damaged_lines(path: Path) -> list[int]:
     """Numbers of the lines of a file that are no rows, from 1."""
-    with path.open("rb") as file:
+    with _opened(path) as file:
         return [number for number, line in enumerate(file, 1) if parse_row(line) is None]
 
 
-def _rows_in(file: BinaryIO) -> Iterator[tuple[str, int]]:
-    """Input and position of each row of an open file, in their order; no other lines."""
-    position = file.seek(0)
-    for line in file:
-        row = parse_row(line)
-        if row is not None:
-            yield row.input, position
-        position += len(line)
-
-
-class RowsFolder:
-    """The local folder of a batch's rows: the output folder, or a temporary copy of a remote one.
-
-    Objects cannot be appended to, so new rows of the journal are uploaded every few seconds as
-    separate objects; the next batch, on any machine, finds all but the last rows of a killed one.
-    """
-
-    def __init__(self, out: Path) -> None:
-        self.path = out
-        self._lock, self._uploaded_s = threading.Lock(), time.monotonic()
-        self._exit_stack = ExitStack()
-        self._objects: dict[str, list[str]] = {}  # of each file here
-        self._out = out if isinstance(out, RemotePath) else None
-        if self._out is None:
-            return
-        self.path = self._exit_stack.enter_context(temporary_folder())
-        with os_errors_as(OutputError, f"cannot use {out}"):
-            for name in _row_objects(self._out):
-                self._download(self._out / name)
-        self._uploaded = {name: (self.path / name).stat().st_size for name in self._objects}
-
-    def sync(self) -> None:
-        """Upload the journal's new rows, if the last upload was long enough ago."""
-        with self._lock:
-            if self._out and time.monotonic() - self._uploaded_s >= _UPLOAD_INTERVAL_S:
-                self._upload_rows(self._out)
-
-    def finish(self, manifest: Path) -> None:
-        """Upload the manifest, and delete the objects of the files that are in it and gone."""
-        if self._out is None:
-            return
-        with self._lock:
-            with atomic_path(self._out / manifest.name) as temporary:
-                shutil.copyfile(manifest, temporary)
-            for name, objects in self._objects.items():
-                for one in () if (self.path / name).exists() else objects:
-                    with os_errors_as(OutputError, f"cannot remove {one}"):
-                        (self._out / one).unlink()
-            self._exit_stack.close()
-
-    def _download(self, source: RemotePath) -> None:
-        """Download an object; parts are joined to one file."""
-        whole = _PART.sub("", source.name)
-        file = self.path / whole
-        with file.open("ab") as target:
-            target.writelines(fetch(source)[1])
-        os.utime(file, (source.stat().st_mtime,) * 2)  # the latest row of an input counts
-        self._objects.setdefault(whole, []).append(source.name)
-
-    def _upload_rows(self, out: RemotePath) -> None:
-        self._uploaded_s = time.monotonic()
-        for file in self.path.glob(".depthcli-batch*.jsonl"):
-            size, uploaded = file.stat().st_size, self._uploaded.get(file.name, 0)
-            if size <= uploaded:
-                continue
-            part = f"{file.name}.{time.time_ns():020}-{os.urandom(4).hex()}"
-            with atomic_path(out / part) as temporary, file.open("rb") as journal:
-                journal.seek(uploaded)
-                temporary.write_bytes(journal.read(size - uploaded))
-            self._uploaded[file.name] = size
-            self._objects.setdefault(file.name, []).append(part)
-
-
-def _row_objects(out: RemotePath) -> Iterator[str]:
-    for prefix in _PREFIXES:
-        for name in out.walk_names(prefix):
-            if not name.startswith(prefix):
-                break
-            if _NAME.fullmatch(_PART.sub("", name)):
-                yield name
-
-
-_SCHEMA = (
-    "PRAGMA cache_size = -65536",  # KiB
-    "PRAGMA journal_mode = OFF",
-    "CREATE TABLE rows (name BLOB PRIMARY KEY, source INT, position INT) WITHOUT ROWID",
-    "CREATE TABLE outputs (path BLOB PRIMARY KEY) WITHOUT ROWID",
-    "BEGIN",
-)
-
-
 class Rows:
-    """Rows of files by input; the last one of an input counts. Thread-safe.
+    """The last row of each input in some files, as a line that is parsed when it is needed.
 
-    Their places (file, position) are in an SQLite database: in memory up to a few megabytes, then
-    in a temporary file that is deleted with the process.
+    Attributes:
+        has_files: whether there is any file.
     """
 
     def __init__(
-        self, paths: Iterable[Path], shard: Shard = WHOLE, folder: RowsFolder | None = None
+        self, paths: Iterable[Path], shard: Shard = WHOLE, batch: Container[str] = ()
     ) -> None:
-        """Index the rows of a shard's inputs, and keep the folder while they are in use."""
-        self._files, self._shard, self._folder = list[BinaryIO](), shard, folder
-        self._lock = threading.Lock()
-        self._database = sqlite3.connect("", check_same_thread=False, isolation_level=None)
-        for line in _SCHEMA:
-            self._database.execute(line)
+        """Read the rows of a shard's inputs, and of all inputs outside the batch.
+
+        The names of the batch are those of the inputs of all its shards.
+        """
+        self._shard, self._batch, self.has_files = shard, batch, False
+        self._lines: dict[str, bytes] = {}  # by input
         for path in paths:
-            self._add_file(path)
+            with suppress(FileNotFoundError):  # another shard has just ended
+                self._read(path)
 
-    def _add_file(self, path: Path) -> None:
-        size, source, file = regular_size(path), len(self._files), path.open("rb")
-        self._files.append(file)
-        if size and not is_journal(path) and next(_rows_in(file), None) is None:
-            raise UsageError(
-                f"{path} was not written by depthcli", "move it away, or choose another {out}"
-            )
-        self._index((name, source, at) for name, at in _rows_in(file) if self._shard.holds(name))
-
-    @property
-    def has_files(self) -> bool:
-        """Whether there is any file of rows."""
-        return bool(self._files)
+    def _read(self, path: Path) -> None:
+        with _opened(path) as file:
+            is_row = map(parse_row, () if is_journal(path) else file)
+            if not any(is_row) and file.tell():
+                raise UsageError(
+                    f"{path} was not written by depthcli", "move it away, or choose another {out}"
+                )
+            file.seek(0)
+            self.has_files = True
+            for line in file:
+                name = _input_of(line)
+                if name is not None and (self._shard.holds(name) or name not in self._batch):
+                    self._lines[name] = line
 
     def row(self, name: str) -> ManifestRow | None:
         """The row of an input, if it has one."""
-        query = "SELECT source, position FROM rows WHERE name = ?"
-        with self._lock:
-            place = self._database.execute(query, (_key(name),)).fetchone()
-            return None if place is None else self._at(place)
+        line = self._lines.get(name)
+        return None if line is None else parse_row(line)
 
     def __iter__(self) -> Iterator[ManifestRow]:
-        query = "SELECT source, position FROM rows ORDER BY 1, 2"
-        return filter(None, map(self._at, self._database.execute(query)))
+        return filter(None, map(parse_row, self._lines.values()))
 
-    def _index(self, rows: Iterable[tuple[str, int, int]]) -> None:
-        """Set the places of the rows of inputs, replacing earlier ones."""
-        values = ((_key(name), *place) for name, *place in rows)
-        self._database.executemany("INSERT OR REPLACE INTO rows VALUES (?, ?, ?)", values)
-
-    def _at(self, place: tuple[int, int]) -> ManifestRow | None:
-        source, position = place
-        self._files[source].seek(position)
-        return parse_row(self._files[source].readline())
+    @property
+    def others(self) -> Iterator[ManifestRow]:
+        """The rows of inputs outside the batch."""
+        names = (name for name in self._lines if name not in self._batch)
+        return filter(None, map(self.row, names))
 
 
-def _key(name: str) -> bytes:
-    return name.encode("utf-8", "surrogatepass")
+def _input_of(line: bytes) -> str | None:
+    """The input of a row; None if the line is incomplete or not a row."""
+    try:
+        fields: Any = parsed_json(line)
+        name = fields["input"]
+    except (FieldError, TypeError, KeyError):
+        return None
+    return name if isinstance(name, str) else None
 
 
-def known_rows(folder: Path, shard: Shard = WHOLE) -> Rows:
+def known_rows(folder: Path, shard: Shard = WHOLE, batch: Container[str] = ()) -> Rows:
     """The rows of earlier batches in an output folder, which is not changed."""
-    source = RowsFolder(folder)
     with _write_errors(folder):
-        return Rows(row_files(source.path, shard), shard, source)
+        return Rows(row_files(folder), shard, batch)
 
 
 class Journal(Rows):
-    """The rows of a running batch.
+    """The rows of a running batch. Thread-safe.
+
+    Objects cannot be appended to: in a store, new rows are uploaded every few seconds as an object
+    of their own. The next batch, on any machine, has all but the last rows of a killed one.
 
     Attributes:
         manifest: the file that the rows are written to at the end.
     """
 
-    def __init__(self, folder: Path, shard: Shard = WHOLE) -> None:
+    def __init__(self, folder: Path, shard: Shard = WHOLE, batch: Container[str] = ()) -> None:
         """Open or create the journal of an output folder, which is created if it is missing."""
-        self._path = folder / shard.journal_name
+        self._path, self._lock = folder / shard.journal_name, threading.Lock()
         self.manifest = folder / shard.manifest_name
+        self._waiting, self._uploaded_s = bytearray(), time.monotonic()
+        is_local = not isinstance(folder, RemotePath)
         with ExitStack() as opened, _write_errors(self._path):
             folder.mkdir(parents=True, exist_ok=True)
-            if not opened.enter_context(folder_lock(folder, shared=shard != WHOLE)):
+            if is_local and not opened.enter_context(folder_lock(folder, shared=shard != WHOLE)):
                 raise _busy_error(folder)
-            files = row_files(folder, shard)
-            self._earlier = [path for path in files if path != self._path]
-            super().__init__(self._earlier, shard)
-            handle = open_locked(self._path)
-            if handle is None:
-                raise _busy_error(folder)
-            self._end = opened.enter_context(os.fdopen(handle, "ab", buffering=0))
-            self._add_file(self._path)
-            for file in self._files:
-                opened.enter_context(file)
-            if self._end.tell():
-                self._files[-1].seek(-1, os.SEEK_END)
-                if self._files[-1].read(1) != b"\n":  # the batch was killed in the middle of a line
-                    append_whole(self._end, b"\n")
+            self._files = [path for path in row_files(folder) if path != self._path]
+            super().__init__(self._files, shard, batch)
+            self._file = opened.enter_context(self._open()) if is_local else None
             self._opened = opened.pop_all()
+
+    def _open(self) -> FileIO:
+        """The end of the file, whose rows are read."""
+        handle = open_locked(self._path)
+        if handle is None:
+            raise _busy_error(self._path.parent)
+        file = os.fdopen(handle, "ab", buffering=0)
+        self._files.append(self._path)
+        self._read(self._path)
+        if file.tell():
+            append_whole(file, b"\n")  # ends a line in which the batch was killed
+        return file
 
     def add(self, row: ManifestRow) -> None:
         """Append a row, which replaces the input's earlier one."""
+        line = row.as_line()
         with _write_errors(self._path), self._lock:
-            position = append_whole(self._end, row.as_line())
-            self._index([(row.input, len(self._files) - 1, position)])
+            if self._file:
+                append_whole(self._file, line)
+            else:
+                self._waiting += line
+                self._upload()
+            self._lines[row.input] = line
+
+    def _upload(self) -> None:
+        """Upload the waiting rows, if the last upload was long enough ago."""
+        now_s = time.monotonic()
+        if now_s - self._uploaded_s < _UPLOAD_INTERVAL_S:
+            return
+        part = f"{self._path.name}.{time.time_ns():020}-{os.urandom(4).hex()}"
+        self._files.append(self._path.with_name(part))
+        with atomic_path(self._files[-1]) as temporary:
+            temporary.write_bytes(self._waiting)
+        self._waiting, self._uploaded_s = bytearray(), now_s
 
     def finish(self, names: Iterable[str] | None, *, keep_failed: bool = False) -> None:
-        """Write the manifest and remove the journal.
+        """Write all rows to the manifest, and remove the journal.
 
-        Inputs of earlier batches that have outputs here come last, so that they are not done again
-        after a batch of other files of the same folder, unless an output is now that of another
-        input. The rows of shards become part of the manifest of a batch that is not divided.
+        The rows of this batch come first. Those of earlier batches into the folder follow, sorted
+        by name, so that a later batch finds them; a row is left out if one of its outputs is now
+        that of another input. A batch without shards also removes the manifests of shards.
 
-        Names are those of the inputs in the manifest's order; None for all, in the order of their
-        names. After a batch of a part of the files, failed inputs of earlier batches are kept.
+        Args:
+            names: the inputs of this batch in the order of their rows; None for all that have a
+                row, sorted.
+            keep_failed: whether rows without outputs of earlier batches are kept.
         """
         with atomic_path(self.manifest) as temporary, temporary.open("wb") as file:
-            file.writelines(row.as_line() for row in self._rows(names, keep_failed=keep_failed))
+            names = sorted(self._lines) if names is None else names
+            file.writelines(row.as_line() for row in self._final(names, keep_failed=keep_failed))
         with _write_errors(self._path), self._opened:
-            self._path.unlink(missing_ok=True)  # before another batch can lock it
-            for path in self._earlier:
-                if path != self.manifest and self._shard.owns(path):
+            for path in reversed(self._files):  # the journal before another batch can lock it
+                is_own = path.name.startswith(self._path.name)
+                if path != self.manifest and (is_own or self._shard == WHOLE):
                     path.unlink(missing_ok=True)
 
-    def _rows(self, names: Iterable[str] | None, *, keep_failed: bool) -> Iterator[ManifestRow]:
-        """Rows of the names in their order, each once, then the others that still hold."""
-        execute, executemany = self._database.execute, self._database.executemany
-        for name in names or ():
+    def _final(self, names: Iterable[str], *, keep_failed: bool) -> Iterator[ManifestRow]:
+        outputs = set[str]()
+        for name in names:
             row = self.row(name)
             if row is not None:
-                paths = ((_key(file.path),) for file in row.outputs)
-                executemany("INSERT OR IGNORE INTO outputs VALUES (?)", paths)
+                outputs.update(file.path for file in row.outputs)
                 yield row
-                execute("DELETE FROM rows WHERE name = ?", (_key(name),))
-        taken = "SELECT 1 FROM outputs WHERE path = ?"
-        for place in execute("SELECT source, position FROM rows ORDER BY name"):
-            row = self._at(place)
-            if row is None or any(
-                execute(taken, (_key(file.path),)).fetchone() for file in row.outputs
-            ):
+                del self._lines[name]  # so that each is written once
+        for name in filter(self._shard.holds, sorted(self._lines)):
+            row = self.row(name)
+            if row is None or not outputs.isdisjoint(file.path for file in row.outputs):
                 continue
-            if row.outputs or keep_failed or names is None:
+            if row.outputs or keep_failed:
                 yield row
 
 

@@ -210,7 +210,7 @@ def plan_folder(request: ConvertRequest, names_filter: NameFilter = folders.ANY)
     listing = folders.list_folder(
         root, leave_out=out, skip=names_filter.excludes, refusal=_why_no_depth
     )
-    names = output_names.TreeNames((file.name for file in listing.media), _stem)
+    names = output_names.OutputNames((file.name for file in listing.media), _stem)
     inputs, skipped, where = list[InputFile](), listing.skipped, paths.safe_name(root)
     for file in listing.media:
         refusal = None if file.problem else names_filter.refusal(file.name)

@@ -232,10 +232,9 @@ def plan_outputs(
 ) -> list[OutputPlan[FormatT]]:
     """Name every output that goes to a file; None is standard input.
 
-    Without a destination, outputs are placed beside their input. If another image or video with the
-    same stem is in the input's folder, the output's name keeps the input's suffix
-    (``a.jpg.depth.png``, ``a.png.depth.png``), so that names do not depend on the order or choice
-    of the inputs. A folder without a name, such as ``.`` or ``/``, gets no outputs.
+    Without a destination, outputs are placed beside their input. If two inputs in one folder differ
+    only in their suffix, the names of their outputs keep it (``a.jpg.depth.png``,
+    ``a.png.depth.png``). A folder without a name, such as ``.`` or ``/``, gets no outputs.
     """
     if destination.kind not in {Kind.BESIDE, Kind.FOLDER} and len(sources) != 1:
         path = destination.path or Path(STDIO)

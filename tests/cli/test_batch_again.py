@@ -128,16 +128,18 @@ def test_new_and_changed_files_are_processed_once(cli: Cli) -> None:
         assert next(results)["input"] == "a.png"
         write_picture(cli.folder / "in" / "deep" / "b.png")
         assert next(results)["input"] == "deep/b.png"
+        write_picture(cli.folder / "in" / "deep" / "b.jpg")  # the output of b.png stays
+        assert next(results)["outputs"][0]["path"] == "deep/b.jpg.depth.png"
         write_picture(cli.folder / "in" / "a.png", synthetic_picture(40, 50))
         changed = next(results)
     assert (changed["input"], changed["kept"]) == ("a.png", False)
     rows = (cli.folder / "out" / "manifest.jsonl").read_text().splitlines()
     assert {json.loads(row)["input"]: json.loads(row)["status"] for row in rows} == {
         "a.png": "ok",
+        "deep/b.jpg": "ok",
         "deep/b.png": "ok",
     }
-    done = cli("batch", "in", "-o", "out", "--json")
-    assert all(json.loads(line)["kept"] for line in done.stdout.splitlines())
+    assert kept(cli, "-o", "out") == {"a.png": True, "deep/b.jpg": True, "deep/b.png": False}
 
 
 def test_a_file_is_processed_when_it_is_complete(cli: Cli) -> None:

@@ -13,11 +13,11 @@ from depthcli.errors import OutputError, UsageError
 from depthcli.io.manifest import (
     FAILED,
     OK,
-    WHOLE,
     CacheKey,
     Journal,
     ManifestRow,
     OutputFile,
+    Rows,
     Shard,
     checksum,
     is_intact,
@@ -161,14 +161,33 @@ def test_a_manifest_that_cannot_be_written_loses_nothing(tmp_path: Path) -> None
     assert list(known_rows(tmp_path)) == [row("a"), row("b")]
 
 
-def test_rows_of_others_of_the_same_division_are_not_read(tmp_path: Path) -> None:
-    found = ["manifest.jsonl", "manifest-1-of-3.jsonl", "manifest-2-of-3.jsonl"]
-    found += ["manifest-2-of-4.jsonl", ".depthcli-batch-3-of-3.jsonl", ".depthcli-batch.jsonl"]
-    for age, name in enumerate(reversed([*found, "manifest.txt", "manifesto.jsonl"])):
-        (tmp_path / name).touch()
-        os.utime(tmp_path / name, ns=(0, age))
-    of_all = [path.name for path in row_files(tmp_path, WHOLE)]
-    assert of_all == found[::-1]
-    others = {".depthcli-batch-3-of-3.jsonl", "manifest-1-of-3.jsonl"}
-    of_the_second = [path.name for path in row_files(tmp_path, Shard(2, 3))]
-    assert of_the_second == [name for name in of_all if name not in others]
+def test_the_latest_file_of_rows_is_the_last(tmp_path: Path) -> None:
+    names = ["manifest.jsonl", "manifest-1-of-3.jsonl", "manifest-2-of-4.jsonl"]
+    names += [".depthcli-batch-3-of-3.jsonl", ".depthcli-batch.jsonl"]
+    for age, name in enumerate([*names, "manifest.txt", "manifesto.jsonl"]):
+        (tmp_path / name).write_bytes(row("a", seconds=age).as_line())
+        os.utime(tmp_path / name, (age, age))
+    assert [path.name for path in row_files(tmp_path)] == names
+    assert known_rows(tmp_path).row("a") == row("a", seconds=4)
+
+
+def test_a_shard_reads_its_rows_and_those_of_inputs_outside_the_batch(tmp_path: Path) -> None:
+    names = list("abcdefgh")
+    for number in (1, 2):
+        held = filter(Shard(number, 2).holds, names)
+        lines = b"".join(row(name).as_line() for name in held)
+        (tmp_path / f"manifest-{number}-of-2.jsonl").write_bytes(lines)
+    batch, shard = names[:6], Shard(1, 2)
+    rows = known_rows(tmp_path, shard, batch)
+    held = {name for name in batch if shard.holds(name)}
+    assert 0 < len(held) < len(batch)
+    assert {each.input for each in rows} == held | {"g", "h"}
+    assert {each.input for each in rows.others} == {"g", "h"}
+    journal = Journal(tmp_path, shard, batch)
+    journal.finish(batch)
+    assert {each.input for each in Rows([journal.manifest])} == set(filter(shard.holds, names))
+
+
+def test_a_file_that_vanishes_is_passed_over(tmp_path: Path) -> None:
+    """As the journal of another shard that has just ended."""
+    assert not Rows([tmp_path / JOURNAL_NAME]).has_files

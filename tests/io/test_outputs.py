@@ -25,7 +25,7 @@ from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import FORMATS, Format
 from depthcli.io.listing.folder import is_own_image
 from depthcli.io.storage.atomic import Guard, atomic_path
-from depthcli.jobs.output_names import TreeNames
+from depthcli.jobs.output_names import OutputNames
 from depthcli.jobs.outputs import OutputPlan, plan_outputs
 from depthcli.jobs.predict import picture_destination
 
@@ -70,25 +70,11 @@ def test_names_do_not_depend_on_the_order() -> None:
     }
 
 
-@pytest.mark.parametrize("there", [["a.png"], ["a.MP4", "b.png"], ["A.jpg"]])
-def test_names_do_not_depend_on_what_else_is_asked_for(tmp_path: Path, there: list[str]) -> None:
-    for name in ("a.jpg", "a.txt", "c.png", *there):
+def test_files_that_are_no_inputs_change_no_name(tmp_path: Path) -> None:
+    for name in ("a.jpg", "a.png", "a.mp4"):
         (tmp_path / name).touch()
-    sources = [tmp_path / name for name in ("a.jpg", "c.png", *there)]
-    for out in (None, "out/"):
-        together = {p.source: p.outputs for p in planned(sources, out)}
-        alone = {s: planned([s], out)[0].outputs for s in sources}
-        assert together == alone
-        assert alone[sources[0]]["png16"].name.startswith("a.jpg.")
-        assert alone[sources[1]]["png16"].name == "c.depth.png"
-        assert len({names["png16"] for names in alone.values()}) == len(sources)
-
-
-def test_an_output_of_the_user_s_own_name_is_no_namesake(tmp_path: Path) -> None:
-    depth = DepthMap(np.ones((2, 3), np.float32), DepthKind.METRIC)
-    Png16Writer().write(depth, tmp_path / "a.png")
     (plan,) = planned([tmp_path / "a.jpg"], None)
-    assert plan.outputs["png16"].name == "a.depth.png"
+    assert plan.outputs["png16"] == tmp_path / "a.depth.png"
 
 
 def test_a_folder_without_a_name_gets_no_outputs() -> None:
@@ -177,12 +163,12 @@ def test_devices_and_pipes_are_not_replaced(tmp_path: Path) -> None:
 )
 def test_names(names: tuple[str, ...], bases: tuple[str, ...]) -> None:
     for order in permutations(names):
-        assert tuple(TreeNames(order).base(name) for name in names) == bases
+        assert tuple(OutputNames(order).base(name) for name in names) == bases
 
 
 def test_names_that_some_file_systems_take_for_one_get_a_checksum() -> None:
     for alike in (("A.jpg", "a.jpg"), ("\xe9.png", "e\u0301.png"), ("X/a.png", "x/a.png")):
-        bases = [TreeNames(alike).base(name) for name in alike]
+        bases = [OutputNames(alike).base(name) for name in alike]
         assert all(base.startswith(f"{name}.") for base, name in zip(bases, alike, strict=True))
         assert len({folded(base) for base in bases}) == 2
 
@@ -205,6 +191,6 @@ _NAMES = st.sets(
 
 @given(_NAMES)
 def test_no_two_outputs_are_one_file_anywhere(names: set[str]) -> None:
-    trees = TreeNames(names)
+    trees = OutputNames(names)
     outputs = [trees.base(name) + facts.suffix for name in names for facts in FORMATS.values()]
     assert len({folded(output) for output in outputs}) == len(outputs)

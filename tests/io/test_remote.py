@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.file_trees import contents
 from helpers.stores import KEYS, Bucket, Faults, remote
 from helpers.watched import Watched
 
@@ -24,7 +23,15 @@ from depthcli.api.depth_map import DepthMap
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.listing.folder import InputFile, Skipped, list_folder
-from depthcli.io.manifest import RowsFolder
+from depthcli.io.manifest import (
+    OK,
+    CacheKey,
+    Journal,
+    ManifestRow,
+    OutputFile,
+    Shard,
+    known_rows,
+)
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.io.storage.paths import (
@@ -414,22 +421,27 @@ def test_variable_sets_the_number_of_retries(
         assert objects._retries() == count
 
 
-PART = r"out/\.depthcli-batch\.jsonl\.\d{20}-[0-9a-f]{8}"
 JOURNAL = ".depthcli-batch.jsonl"
+
+
+def row(name: str, seconds: float = 0.5) -> ManifestRow:
+    key = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
+    outputs = (OutputFile(f"{name}.depth.png", 12, "2" * 64),)
+    return ManifestRow(name, OK, key, outputs, seconds)
 
 
 @pytest.fixture
 def left(bucket: Bucket) -> dict[str, bytes]:
     """What an earlier batch that was killed, and others, left in a folder."""
-    parts = [f"{JOURNAL}.{number:020}-0123abcd" for number in (7, 8, 10)]
-    found = {
-        "manifest.jsonl": b"whole\n",
-        **dict(zip(parts, (b"a\n", b"b\n", b"c\n"), strict=True)),
-        "manifest-1-of-2.jsonl": b"shard\n",
+    half = row("d").as_line()[:40]
+    files = {
+        "out/manifest.jsonl": row("a", 1.0).as_line() + row("e").as_line(),
+        "out/manifest-1-of-2.jsonl": row("f").as_line(),
+        f"out/{JOURNAL}.{7:020}-0123abcd": row("a", 2.0).as_line() + row("b").as_line(),
+        f"out/{JOURNAL}.{8:020}-0123abcd": row("a", 3.0).as_line(),
+        f"out/{JOURNAL}.{10:020}-0123abcd": row("c").as_line() + half,
     }
-    for name, data in found.items():
-        bucket.put(f"out/{name}", data)
-    for name in (
+    others = (
         "out/a.png",
         "out/.depthcli-aside",
         "out/nearby",
@@ -438,76 +450,65 @@ def left(bucket: Bucket) -> dict[str, bytes]:
         "out/manifest_old/a.depth.png",
         "out/manifests/day1/a.depth.png",
         "out/.depthcli-batch-notes.txt",
-    ):
-        bucket.put(name, b"not a row")
-    return found
+    )
+    # The order of two that were written in the same second is that of their names.
+    for name, data in (files | dict.fromkeys(others, b"not a row")).items():
+        bucket.put(name, data)
+        time.sleep(1.0 if name == "out/manifest-1-of-2.jsonl" else 0.0)
+    return dict.fromkeys(others, b"not a row")
 
 
-@pytest.mark.usefixtures("left")
-def test_rows_are_fetched_and_parts_put_together(bucket: Bucket) -> None:
-    out = remote(bucket.uri("out"))
-    before = bucket.objects()
-    rows = RowsFolder(out)
-    assert contents(rows.path) == {
-        "manifest.jsonl": b"whole\n",
-        "manifest-1-of-2.jsonl": b"shard\n",
-        JOURNAL: b"a\nb\nc\n",
-    }
-    for name in ("manifest.jsonl", "manifest-1-of-2.jsonl"):
-        assert (rows.path / name).stat().st_mtime == (out / name).stat().st_mtime
-    rows.sync()
-    rows.finish(rows.path / "manifest.jsonl")
+def test_rows_of_a_killed_batch_are_read_from_a_store(
+    bucket: Bucket, left: dict[str, bytes]
+) -> None:
+    out, before = remote(bucket.uri("out")), bucket.objects()
+    expected = [row("a", 3.0), *map(row, "bcef")]
+    assert sorted(known_rows(out), key=lambda each: each.input) == expected
     assert bucket.objects() == before
-    assert not rows.path.exists()
     with pytest.raises(OutputError):
-        RowsFolder(remote("s3://no-such-bucket/out"))
-    assert RowsFolder(Path("here")).path == Path("here")
+        known_rows(remote("s3://no-such-bucket/out"))
+    journal = Journal(out)
+    journal.add(row("d"))
+    journal.finish(None)
+    rows = [*expected[:3], row("d"), *expected[3:]]
+    manifest = b"".join(each.as_line() for each in rows)
+    assert bucket.objects() == left | {"out/manifest.jsonl": manifest}
 
 
-def test_new_rows_are_sent_now_and_then_as_parts(
+def test_new_rows_are_uploaded_now_and_then(
     bucket: Bucket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    now = 1000.0
-    monkeypatch.setattr(time, "monotonic", lambda: now)
-    rows = RowsFolder(remote(bucket.uri("out")))
-    journal = rows.path / JOURNAL
-    sent: list[bytes] = []
-    for passed, data, expected in [
-        (4.9, b"a\n", []),
-        (0.1, b"b\n", [b"a\nb\n"]),
-        (4.9, b"c\n", [b"a\nb\n"]),
-        (0.1, b"", [b"a\nb\n", b"c\n"]),
-        (5.0, b"", [b"a\nb\n", b"c\n"]),
-        (5.0, b"d\n", [b"a\nb\n", b"c\n", b"d\n"]),
+    now_s = 1000.0
+    monkeypatch.setattr(time, "monotonic", lambda: now_s)
+    journal = Journal(remote(bucket.uri("out")), Shard(1, 2))
+    uploaded: list[bytes] = []
+    for passed_s, name, expected in [
+        (4.9, "a", ""),
+        (0.1, "b", "ab"),
+        (4.9, "c", ""),
+        (5.0, "d", "cd"),
     ]:
-        now += passed
-        with journal.open("ab") as file:
-            file.write(data)
-        rows.sync()
-        sent = list(bucket.objects().values())
-        assert sent == expected
-    assert all(re.fullmatch(PART, name) for name in bucket.names())
-    again = RowsFolder(remote(bucket.uri("out")))
-    assert contents(again.path) == {JOURNAL: b"a\nb\nc\nd\n"}
+        now_s += passed_s
+        journal.add(row(name))
+        uploaded += [b"".join(row(each).as_line() for each in expected)] if expected else []
+        assert list(bucket.objects().values()) == uploaded
+    part = r"out/\.depthcli-batch-1-of-2\.jsonl\.\d{20}-[0-9a-f]{8}"
+    assert all(re.fullmatch(part, name) for name in bucket.names())
+    assert list(known_rows(remote(bucket.uri("out")))) == [*map(row, "abcd")]
+    bucket.put("out/manifest-2-of-2.jsonl", row("z").as_line())
+    journal.finish("abcd")
+    assert bucket.names() == ["out/manifest-1-of-2.jsonl", "out/manifest-2-of-2.jsonl"]
 
 
 @pytest.mark.usefixtures("left")
-def test_the_manifest_takes_the_place_of_parts(bucket: Bucket, faults: Faults) -> None:
-    out = remote(bucket.uri("out"))
-    rows = RowsFolder(out)
-    (rows.path / JOURNAL).unlink()
-    (rows.path / "manifest-1-of-2.jsonl").unlink()
-    (rows.path / "manifest.jsonl").write_bytes(b"all\n")
-    faults.passed.clear()
+def test_a_manifest_is_written_before_its_parts_are_removed(bucket: Bucket, faults: Faults) -> None:
+    journal, before = Journal(remote(bucket.uri("out"))), bucket.objects()
     faults.fault = lambda method, *_: None if method in {"PUT", "GET", "HEAD"} else "403"
     with pytest.raises(OutputError):
-        rows.finish(rows.path / "manifest.jsonl")
-    faults.fault = lambda *_: None
-    put = sorted(place.partition("/out/")[2] for verb, place in faults.passed if verb == "PUT")
-    rows.finish(rows.path / "manifest.jsonl")
-    assert put == ["manifest.jsonl"]
-    found = {name: data for name, data in bucket.objects().items() if data != b"not a row"}
-    assert found == {"out/manifest.jsonl": b"all\n"}
+        journal.finish(None)
+    after = bucket.objects()
+    assert after.pop("out/manifest.jsonl") != before.pop("out/manifest.jsonl")
+    assert after == before
 
 
 def test_folder_of_a_store_is_listed_like_a_local_one(bucket: Bucket) -> None:

@@ -42,7 +42,6 @@ from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.image import FailedInput
-from depthcli.jobs.output_names import output_bases
 from depthcli.jobs.outputs import plan_outputs
 from depthcli.jobs.predict import picture_destination, predict
 from depthcli.jobs.predict_images import PredictResult
@@ -197,19 +196,13 @@ def test_a_plate_outside_the_display_window_has_no_depth(
     ).all()
 
 
-def test_its_outputs_have_names_of_their_own(tmp_path: Path) -> None:
-    plate, jpg = tmp_path / "plate.exr", tmp_path / "plate.jpg"
-    assert output_bases([plate]) == ["plate"]
-    for path in (jpg, tmp_path / "depth.exr"):
-        write_picture(path.with_suffix(".png")).rename(path)
-    assert output_bases([plate]) == ["plate.exr"]
-    assert output_bases([jpg]) == ["plate"]
-    assert output_bases([jpg, plate]) == output_bases([plate, jpg])[::-1] == ["plate", "plate.exr"]
-    for out in (None, f"{tmp_path}/out/"):
-        plans = plan_outputs([jpg, plate], picture_destination(out, (Format.NPY,)))
-        names = [plan.outputs["npy"].name for plan in plans]
-        assert names == ["plate.depth.npy", "plate.exr.depth.npy"]
-    assert output_bases([tmp_path / "a.exr", tmp_path / "A.EXR"])[0].startswith("a.exr.")
+@pytest.mark.parametrize("out", [None, "out/"])
+def test_an_exr_beside_another_image_keeps_its_suffix(out: str | None) -> None:
+    sources = [Path("plate.jpg"), Path("plate.exr"), Path("other.exr")]
+    for order in (sources, sources[::-1]):
+        plans = plan_outputs(order, picture_destination(out, (Format.NPY,)))
+        names = {plan.outputs["npy"].name for plan in plans}
+        assert names == {"plate.jpg.depth.npy", "plate.exr.depth.npy", "other.depth.npy"}
 
 
 def test_a_batch_reads_those_of_a_list_alone(tmp_path: Path, loader: SessionLoader) -> None:

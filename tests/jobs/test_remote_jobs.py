@@ -1,7 +1,6 @@
 """Jobs whose inputs and outputs lie in a bucket: the same bytes as from and to a folder."""
 
 import dataclasses
-import gc
 import json
 import os
 import signal
@@ -20,7 +19,6 @@ from helpers.videos import flat_frames, write_video
 from helpers.watched import Watched
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.progress import run_exit_hooks
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
@@ -28,7 +26,7 @@ from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.path_list import read_list
-from depthcli.io.manifest import WHOLE, RowsFolder, Shard
+from depthcli.io.manifest import WHOLE, Shard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.manifests import merge_manifests, read_rows, summarize
 from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
@@ -59,7 +57,6 @@ def test_pictures_go_from_bucket_to_bucket(
     (here,) = predict(predict_request([picture], f"{tmp_path}/", FORMATS, model=loader))
     assert isinstance(here, PredictResult)
     uri = bucket.put("in/a ü.png", picture.read_bytes())
-    bucket.put("in/a ü.jpg", b"another of that name")
     faults = once_each()
     missing = bucket.uri("in/none.png")
     done, failed = predict(
@@ -69,14 +66,8 @@ def test_pictures_go_from_bucket_to_bucket(
     assert isinstance(failed.error, InputError)
     assert str(failed.error) == f"{missing} cannot be read: no such object"
     found = {k: v for k, v in bucket.objects().items() if k.startswith("out/")}
-    # The namesake keeps its suffix apart, as it would in a folder.
-    assert found == {
-        f"out/a ü.png{path.name.removeprefix('a ü')}": path.read_bytes()
-        for path in map(Path, here.outputs)
-    }
-    assert done.outputs == tuple(
-        bucket.uri(f"out/a ü.png{Path(name).name.removeprefix('a ü')}") for name in here.outputs
-    )
+    assert found == {f"out/{path.name}": path.read_bytes() for path in map(Path, here.outputs)}
+    assert done.outputs == tuple(bucket.uri(f"out/{Path(name).name}") for name in here.outputs)
     assert sum(faults.seen.values()) > 2 * len(found)  # they did fail
 
 
@@ -366,34 +357,3 @@ def test_listed_bad_uris_fail_alone(tmp_path: Path, bucket: Bucket, loader: Sess
     assert {row.input_path for row in rows if row.error} == set(words[1:])
     with pytest.raises(UsageError):
         plan_folder(bucket.uri(), str(tmp_path / "out"))
-
-
-def test_listed_objects_are_named_as_in_folders(
-    bucket: Bucket, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("depthcli.io.storage.objects._PAGE_NAMES", 2)
-    monkeypatch.setattr("depthcli.jobs.output_names._NEAR", 2)
-    names = ["a.jpg", "a.png", "a1.jpg", "a2/b.jpg", "b.jpg", "b.jpg.png", "b.png", "z.png"]
-    for name in names:
-        bucket.put(f"in/{name}", b"")
-    whole = plan_folder(bucket.uri("in"), bucket.uri("out"))
-    for listed in ([name] for name in names), (names[::2], names[1::3]):
-        for words in listed:
-            paths = [bucket.uri(f"in/{name}") for name in words]
-            plan = plan_files(paths, "mine", bucket.uri("in"), bucket.uri("out"))
-            found = {file.name: plan.names.base(file.name) for file in plan.inputs}
-            assert found == {name: whole.names.base(name) for name in words}
-
-
-@pytest.mark.parametrize("end", [run_exit_hooks, gc.collect])
-def test_a_failed_batch_leaves_no_copy_of_its_rows(
-    bucket: Bucket, end: Callable[[], object]
-) -> None:
-    """Neither one that a signal ends nor one that fails."""
-    rows = [RowsFolder(path_of(bucket.uri("out/")))]
-    copy = rows[0].path
-    assert copy.is_dir()
-    if end is gc.collect:
-        rows.clear()
-    end()
-    assert not copy.exists()

@@ -229,9 +229,14 @@ def _changes(
 
     names_filter = NameFilter.of(inputs.include or (), inputs.exclude or ())
     changes = FolderChanges(folder, out, names_filter)
-    return lambda stop: (
-        plan_files(names, folder, folder, out, names_filter) for names in changes.wait(stop)
-    )
+
+    def plans(stop: Event) -> Iterator[BatchPlan]:
+        for changed, names in changes.wait(stop):
+            plan = plan_files(names, folder, folder, out, names_filter)
+            files = (file for file in plan.inputs if file.name in changed)
+            yield replace(plan, inputs=tuple(files), skipped=())
+
+    return plans
 
 
 def _loader(engine: EngineOptions, model: groups.ModelOptions) -> SessionLoader:

@@ -326,7 +326,9 @@ class NameFilter(NamedTuple):
     def refusal(self, name: str) -> str | None:
         """Why a file is not wanted, by its own name and its folders'; None if it is wanted."""
         parts = name.split("/")
-        if any(self.excludes("/".join(parts[: at + 1])) for at in range(len(parts))):
+        if self.exclude and any(
+            self.excludes("/".join(parts[: at + 1])) for at in range(len(parts))
+        ):
             return EXCLUDED
         wanted = not self.include or any(p.fullmatch(name) for p in self.include)
         return None if wanted else NOT_INCLUDED

@@ -33,13 +33,11 @@ class Summary:
 
 def read_rows(path: Path) -> Rows:
     """The latest row of each input in a manifest, or in an output folder with all its shards."""
-    if path.is_dir():
-        rows = known_rows(path)
-        if not rows.has_files:
-            raise UsageError(f"no manifest in {path}", "name the output folder of a batch")
-        return rows
     with os_errors_as(UsageError, f"cannot read the manifest {path}"):
-        return Rows([path])
+        rows = known_rows(path) if path.is_dir() else Rows([path])
+    if not rows.has_files:
+        raise UsageError(f"no manifest in {path}", "name the output folder of a batch")
+    return rows
 
 
 def summarize(rows: Rows) -> Summary:
@@ -62,17 +60,16 @@ def merge_manifests(folder: Path) -> Path:
 
     UsageError if there is none, or a batch is running there.
     """
-    place = manifest.RowsFolder(folder)
-    if not manifest.row_files(place.path, manifest.WHOLE):
+    files = manifest.row_files(folder)
+    if not files:
         raise UsageError(f"no manifest in {folder}", "name the output folder of a batch")
-    for path in manifest.row_files(place.path, manifest.WHOLE):
+    for path in files:
         damaged = () if manifest.is_journal(path) else manifest.damaged_lines(path)
         if damaged:
             raise UsageError(
                 f"{path}: line {damaged[0]} is no row, and {len(damaged) - 1} others are none",
                 "remove them, and the next batch processes their inputs again",
             )
-    journal = Journal(place.path)
+    journal = Journal(folder)
     journal.finish(None)
-    place.finish(journal.manifest)
-    return folder / journal.manifest.name
+    return journal.manifest

@@ -2,19 +2,20 @@
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import chain
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import short_repr
 from depthcli.errors import InputError, UsageError
+from depthcli.io.formats.table import Format
 from depthcli.io.listing import folder as listing
 from depthcli.io.listing.path_list import listed_inputs
 from depthcli.io.manifest import WHOLE, Shard
 from depthcli.io.storage import paths
 from depthcli.io.tables import read_lenses
-from depthcli.jobs.output_names import TreeNames, namesakes, stem
+from depthcli.jobs.output_names import OutputNames, sharing_stem, stem
+from depthcli.video.formats import VideoFormat
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,14 +24,14 @@ class BatchPlan:
 
     out: Path  #: the output folder
     inputs: tuple[listing.InputFile, ...]  #: in an order that depends on their names only
-    names: TreeNames  #: names of their outputs
+    names: OutputNames  #: the names of all shards' inputs, and those of their outputs
     skipped: tuple[listing.Skipped, ...]  #: files that are no inputs
     loops: tuple[str, ...] = ()  #: links to a folder above them
-    inputs_in_out: frozenset[str] = frozenset()  #: paths of all shards' inputs in ``out``
+    like_outputs: frozenset[str] = frozenset()  #: real paths of inputs with a name of an output
     shard: Shard = WHOLE  #: the part of the inputs that is planned
     #: cameras of a table, by input; the others are not in it
     intrinsics: Mapping[str, Intrinsics] = field(default_factory=dict)
-    stems: TreeNames = field(default_factory=TreeNames)  #: of the pictures of all shards
+    same_stem: frozenset[str] = frozenset()  #: images whose stem is that of another image
     is_part: bool = False  #: whether other files of the folder may be inputs of other batches
     camera_warnings: tuple[str, ...] = ()  #: what in that table matches no input, and vice versa
 
@@ -44,16 +45,16 @@ class BatchPlan:
     @property
     def images(self) -> Iterator[listing.InputFile]:
         """The images: all inputs but videos and archives."""
-        return (found for found in self.inputs if not holds_many(found.name))
+        return (file for file in self.inputs if not holds_many(file.name))
 
     @property
     def videos(self) -> Iterator[listing.InputFile]:
         """The videos, and the archives of images."""
-        return (found for found in self.inputs if holds_many(found.name))
+        return (file for file in self.inputs if holds_many(file.name))
 
     def folders(self) -> set[Path]:
         """The folders of the outputs."""
-        return {self.out, *((self.out / found.name).parent for found in self.inputs)}
+        return {self.out, *((self.out / file.name).parent for file in self.inputs)}
 
 
 def holds_many(name: str) -> bool:
@@ -73,11 +74,9 @@ class CameraTable:
 
     def camera_of(self, name: str) -> Intrinsics | None:
         """The camera of an input; None if it has no row, or an empty one."""
-        row_id = next((key for key in (name, stem(name)) if key in self._cameras), None)
-        if row_id is None:
-            return None
+        row_id = name if name in self._cameras else stem(name)
         self._unused.pop(row_id, None)
-        return self._cameras[row_id]
+        return self._cameras.get(row_id)
 
     def warnings(self, inputs: int, unmatched: int) -> Iterator[str]:
         """Patterns that did not match; UsageError if no row matches. ``unmatched`` have no row."""
@@ -106,24 +105,29 @@ def read_cameras(source: str) -> CameraTable:
         raise UsageError(str(error), option="cameras") from error
 
 
+_OUTPUT_SUFFIXES = (
+    *(format_.facts.suffix for format_ in (*Format, *VideoFormat)),
+    *(f".depth{suffix}" for suffix in listing.ARCHIVE_SUFFIXES),
+)
+
+
+@dataclass(frozen=True, slots=True)
 class InputCollector:
     """Collects the inputs of a shard and the files that are skipped."""
 
-    def __init__(
-        self, out: str, wanted: listing.NameFilter, shard: Shard, cameras: CameraTable | None
-    ) -> None:
-        paths.check_writable(paths.path_of(out))
-        self._out, self._wanted, self._shard, self._cameras = out, wanted, shard, cameras
-        self._intrinsics: dict[str, Intrinsics] = {}
-        self._inputs: dict[str, listing.InputFile] = {}
-        self._skipped: dict[listing.Skipped, None] = {}
-        self._inputs_in_out: set[str] = set()
-        self._stems = TreeNames()
-        self._has_inputs = False
+    out: str  #: the output folder
+    names_filter: listing.NameFilter  #: which files are inputs
+    shard: Shard  #: the part of them that is planned
+    cameras: CameraTable | None  #: of each input
+    _inputs: dict[str, listing.InputFile] = field(default_factory=dict)
+    _skipped: dict[listing.Skipped, None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        paths.check_writable(paths.path_of(self.out))
 
     def skip(self, file: listing.Skipped) -> None:
         """Add a skipped file."""
-        if self._shard.holds(file.name):
+        if self.shard.holds(file.name):
             self._skipped[file] = None
 
     def plan(
@@ -134,67 +138,46 @@ class InputCollector:
         *,
         is_list: bool = False,
     ) -> BatchPlan:
-        """Make a plan of images and videos."""
-        # Output names depend on all files, not on the patterns or the list.
-        names = TreeNames(chain(self._names(media), self._neighbours() if is_list else ()))
-        count, unmatched = len(self._inputs), len(self._inputs) - len(self._intrinsics)
-        if not self._has_inputs:
+        """Make a plan of images and videos; the order of a list does not count."""
+        places, cameras = listing.RealPaths(), self.cameras
+        all_names, like_outputs, intrinsics = set[str](), set[str](), dict[str, Intrinsics]()
+        for file in media:
+            reason = None if file.problem else self.names_filter.refusal(file.name)
+            if reason is not None:
+                self.skip(listing.Skipped(file.name, reason))
+                continue
+            all_names.add(file.name)
+            like_outputs.update(p for p in places.all_of(file.path) if p.endswith(_OUTPUT_SUFFIXES))
+            camera = cameras.camera_of(file.name) if cameras else None
+            if self.shard.holds(file.name):
+                self._add(file, places)
+                intrinsics |= {file.name: camera} if camera is not None else {}
+        if not all_names:
             _check_any([*self._skipped], where)
-        cameras = self._cameras
+        names, count = OutputNames(all_names), len(self._inputs)
+        unmatched = count - len(intrinsics)
         return BatchPlan(
-            out=paths.path_of(self._out),
-            inputs=tuple(self._inputs.values()),
+            out=paths.path_of(self.out),
+            inputs=tuple(sorted(self._inputs.values()) if is_list else self._inputs.values()),
             names=names,
             skipped=tuple(self._skipped),
             loops=loops,
-            inputs_in_out=frozenset(self._inputs_in_out),
-            shard=self._shard,
-            intrinsics=self._intrinsics,
-            stems=self._stems,
-            is_part=is_list or bool(self._wanted.include or self._wanted.exclude),
+            like_outputs=frozenset(like_outputs),
+            shard=self.shard,
+            intrinsics=intrinsics,
+            same_stem=sharing_stem(name for name in names.longer if not listing.is_video(name)),
+            is_part=is_list or bool(self.names_filter.include or self.names_filter.exclude),
             camera_warnings=tuple(cameras.warnings(count, unmatched)) if cameras else (),
         )
 
-    def _names(self, media: Iterable[listing.InputFile]) -> Iterator[str]:
-        places, inside = listing.RealPaths(), os.path.join(os.path.realpath(self._out), "")  # noqa: PTH118
-        for found in media:
-            yield found.name
-            reason = None if found.problem else self._wanted.refusal(found.name)
-            if reason is not None:
-                self.skip(listing.Skipped(found.name, reason))
-                continue
-            self._has_inputs = True
-            if not listing.is_video(found.name):
-                self._stems.add(found.name)
-            camera = self._cameras.camera_of(found.name) if self._cameras else None
-            self._inputs_in_out.update(p for p in places.all_of(found.path) if p.startswith(inside))
-            if self._shard.holds(found.name):
-                self._add_input(found, places)
-                if camera is not None:
-                    self._intrinsics[found.name] = camera
-
-    def _neighbours(self) -> Iterator[str]:
-        """Names of the pictures and videos beside the inputs whose outputs could collide."""
-        folders: dict[tuple[str, str], list[str]] = {}
-        for found in self._inputs.values():
-            if found.problem is None:
-                above, slash, name = found.name.rpartition("/")
-                folder = os.path.dirname(found.path)  # noqa: PTH120 - may be a URI
-                folders.setdefault((folder, above + slash), []).append(name)
-        for (folder, above), own in folders.items():
-            for other in namesakes(paths.path_of(folder), own):
-                path = paths.join(folder, other)
-                if listing.why_skipped(path) is None and not os.path.isdir(path):  # noqa: PTH112
-                    yield above + other
-
-    def _add_input(self, found: listing.InputFile, places: listing.RealPaths) -> None:
-        first = self._inputs.setdefault(found.name, found)
-        if first is found:
+    def _add(self, file: listing.InputFile, places: listing.RealPaths) -> None:
+        first = self._inputs.setdefault(file.name, file)
+        if first is file:
             return
-        if places.of(first.path) != places.of(found.path):  # outside the list's folder
-            problem = f"{first.path} and {found.path} would both become {found.name}"
+        if places.of(first.path) != places.of(file.path):  # outside the list's folder
+            problem = f"{first.path} and {file.path} would both become {file.name}"
             raise UsageError(problem, "list them for batches with different {out}")
-        self.skip(listing.Skipped(found.name, listing.TWICE))
+        self.skip(listing.Skipped(file.name, listing.TWICE))
 
 
 def _check_any(skipped: Sequence[listing.Skipped], where: str) -> None:
@@ -212,7 +195,7 @@ def _check_any(skipped: Sequence[listing.Skipped], where: str) -> None:
 def plan_folder(
     root: str | os.PathLike[str],
     out: str | os.PathLike[str],
-    wanted: listing.NameFilter = listing.ANY,
+    names_filter: listing.NameFilter = listing.ANY,
     shard: Shard = WHOLE,
     cameras: CameraTable | None = None,
 ) -> BatchPlan:
@@ -232,8 +215,8 @@ def plan_folder(
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
         advice = "choose another folder, for example one inside it"
         raise UsageError(f"{out} is the folder of the inputs", advice, option="out")
-    collector = InputCollector(out, wanted, shard, cameras)
-    tree = listing.list_folder(root, leave_out=out, skip=wanted.excludes)
+    collector = InputCollector(out, names_filter, shard, cameras)
+    tree = listing.list_folder(root, leave_out=out, skip=names_filter.excludes)
     media = list(tree.media)
     if media and media[0].name == ".":
         raise UsageError(f"{media[0].problem}")
@@ -251,26 +234,23 @@ def plan_files(
     source: str,
     root: str | os.PathLike[str] | None,
     out: str | os.PathLike[str],
-    wanted: listing.NameFilter = listing.ANY,
+    names_filter: listing.NameFilter = listing.ANY,
     shard: Shard = WHOLE,
     cameras: CameraTable | None = None,
 ) -> BatchPlan:
     """Plan the files of a list, with any suffix; ``source`` is the name of the list in messages.
 
-    Their folders are listed, so that their outputs have the names that a batch of the folder gives.
     Relative paths start from ``root``, whose tree is kept; None for the working directory, while
-    absolute paths keep all their folders. Files of other shards take no memory.
+    absolute paths keep all their folders. Of the files of other shards, only names are kept.
     """
     root = None if root is None else paths.without_file_scheme(root)
-    collector = InputCollector(paths.without_file_scheme(out), wanted, shard, cameras)
+    collector = InputCollector(paths.without_file_scheme(out), names_filter, shard, cameras)
 
-    def pictures() -> Iterator[listing.InputFile]:
-        for found in listed_inputs(words, root):
-            if found.problem is None and listing.is_own_output(found.path):
-                collector.skip(listing.Skipped(found.name, listing.OWN))
+    def images() -> Iterator[listing.InputFile]:
+        for file in listed_inputs(words, root):
+            if file.problem is None and listing.is_own_output(file.path):
+                collector.skip(listing.Skipped(file.name, listing.OWN))
             else:
-                yield found
+                yield file
 
-    plan = collector.plan(pictures(), f"the list {paths.safe_name(source)}", is_list=True)
-    # So that nothing depends on the order of the list.
-    return replace(plan, inputs=tuple(sorted(plan.inputs)))
+    return collector.plan(images(), f"the list {paths.safe_name(source)}", is_list=True)

@@ -18,13 +18,12 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.inference.providers import CPU
 from depthcli.inference.session import Session
 from depthcli.io.images.read import check
-from depthcli.io.listing.folder import InputFile
-from depthcli.io.manifest import WHOLE, CacheKey, Journal, Rows, RowsFolder, known_rows
+from depthcli.io.manifest import WHOLE, CacheKey, Journal, known_rows
 from depthcli.io.storage.paths import local_copy, read_bytes, safe_name
 from depthcli.io.storage.temporary import remove_stale
 from depthcli.jobs.batch.engine import Engine, LocalEngine, process_count
 from depthcli.jobs.batch.plan import BatchPlan, holds_many
-from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, TaskBuilder
+from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask, TaskBuilder
 from depthcli.jobs.batch.workers import WorkerSpec, video_checksum
 
 
@@ -72,7 +71,7 @@ class BatchRequest:
 
 
 class Batch(Iterator[BatchResult]):
-    """An iterator of the results of a batch; with threads, pictures first, in the plan's order.
+    """An iterator of the results of a batch; with threads, images first, in the plan's order.
 
     A bad input never stops the others. The manifest is written after the last result, or when the
     batch is closed; the same request resumes a batch that was stopped.
@@ -109,11 +108,11 @@ class Batch(Iterator[BatchResult]):
         camera = next(iter(plan.intrinsics.values()), options.camera)
         focal = () if options.anchors else focal_warnings(session.model.card, camera)
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
-        self._plan, self._tasks = plan, TaskBuilder(plan, options.formats)
-        self._tasks.check_conflicts()
-        self._rows = RowsFolder(plan.out)
-        self._journal: Journal | None = Journal(self._rows.path, plan.shard)
-        self.manifest = plan.out / self._journal.manifest.name
+        self._plan = plan
+        TaskBuilder(plan, options.formats).check_conflicts()
+        self._journal: Journal | None = Journal(plan.out, plan.shard, plan.names.names)
+        self._tasks = TaskBuilder(plan, options.formats, self._journal)
+        self.manifest = self._journal.manifest
         self._remove_stale()  # of killed runs, which may fill the disk
         self.warnings = (*plan.warnings, *options.camera.warnings, *session.warnings, *focal)
         self.tally = Tally(len(plan.inputs))
@@ -121,7 +120,7 @@ class Batch(Iterator[BatchResult]):
         self.stopped: str | None = None
         self.late: tuple[BatchResult, ...] = ()
         self._recorded: dict[str, BatchResult] = {}
-        self._results = self._run(self._journal)
+        self._results = self._run()
 
     def __next__(self) -> BatchResult:
         """The result of the next input; ModelError if the network fails on any image."""
@@ -132,10 +131,10 @@ class Batch(Iterator[BatchResult]):
         self._results.close()
         self._finish()  # closing a generator that was never started runs no finally
 
-    def _run(self, journal: Journal) -> Generator[BatchResult, None, None]:
-        images = (self._tasks.task(file, journal) for file in self._plan.images)
+    def _run(self) -> Generator[BatchResult, None, None]:
+        images = map(self._tasks.task, self._plan.images)
         chunks = iter(lambda: tuple(islice(images, self._chunk)), ())
-        videos = (self._tasks.task(file, journal) for file in self._plan.videos)
+        videos = map(self._tasks.task, self._plan.videos)
         try:
             # No worker outlives the journal.
             with closing(self._engine.run(self._spec, chunks, videos, self._record)) as results:
@@ -156,7 +155,6 @@ class Batch(Iterator[BatchResult]):
             if not result.is_kept and self._journal is not None:
                 self._journal.add(result.row)
             self._recorded[result.row.input] = result
-        self._rows.sync()
 
     def _finish(self) -> None:
         journal, self._journal = self._journal, None
@@ -167,7 +165,6 @@ class Batch(Iterator[BatchResult]):
         for result in self.late:
             self.tally.add(result)
         journal.finish(names, keep_failed=self._plan.is_part)
-        self._rows.finish(journal.manifest)
         self._remove_stale()  # of this run: workers of a cluster can be killed
 
     def _remove_stale(self) -> None:
@@ -188,29 +185,26 @@ class DryRunResult:
 def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRunResult]:
     """Yield the plan for each input, in order; UsageError if an output would replace an input."""
     plan, options = request.plan, request.options
-    tasks = TaskBuilder(plan, options.formats)
-    tasks.check_conflicts()
+    TaskBuilder(plan, options.formats).check_conflicts()
     key = WorkerSpec(request.model, session.model.sha256, options, plan.out).key(session)
-    rows = known_rows(plan.out, plan.shard)
-    return (_dry_run_of(file, request, tasks, rows, key) for file in plan.inputs)
+    rows = known_rows(plan.out, plan.shard, plan.names.names)
+    tasks = TaskBuilder(plan, options.formats, rows)
+    return (_dry_run_of(tasks.task(file), request, key) for file in plan.inputs)
 
 
-def _dry_run_of(
-    file: InputFile, request: BatchRequest, tasks: TaskBuilder, rows: Rows, key: CacheKey
-) -> DryRunResult:
-    out, options = request.plan.out, request.options
-    task = tasks.task(file, rows)
+def _dry_run_of(task: BatchTask, request: BatchRequest, key: CacheKey) -> DryRunResult:
+    out, options, file = request.plan.out, request.options, task.input
     try:
         if holds_many(file.name):
             with local_copy(file.readable_path()) as source:
-                kept = task.reusable_row(out, video_checksum(task, source, options), key)
+                row = task.reusable_row(out, video_checksum(task, source, options), key)
         else:
             data = read_bytes(file.readable_path())
             check(data, safe_name(file.path), options.max_pixels)
             points = options.points_for(task)
-            kept = task.reusable_row(out, hashlib.sha256(data).hexdigest(), key, points)
-        if kept is None:
+            row = task.reusable_row(out, hashlib.sha256(data).hexdigest(), key, points)
+        if row is None:
             task.check_outputs(overwrite=options.overwrite)
     except (InputError, OutputError) as error:
         return DryRunResult(file.name, "fail", tuple(task.outputs.values()), error.message)
-    return DryRunResult(file.name, "keep" if kept else "do", tuple(task.outputs.values()))
+    return DryRunResult(file.name, "keep" if row else "do", tuple(task.outputs.values()))

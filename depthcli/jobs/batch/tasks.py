@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import time
 from collections.abc import Iterable, Mapping
@@ -14,7 +13,7 @@ from typing import Any
 from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
 from depthcli.core.validation import fingerprint
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io import manifest
 from depthcli.io.depth.anchors import read_known_depth
 from depthcli.io.formats.table import Format
@@ -39,14 +38,14 @@ class BatchOptions(MapOptions):
 
     def points_for(self, task: BatchTask) -> AnchorPoints | None:
         """The known depth of an image; None if there is none for any, InputError for this one."""
-        image, stated = path_of(task.input.path), self.anchors
-        if isinstance(stated, tuple) or stated.is_by_image:
+        image, source = path_of(task.input.path), self.anchors
+        if isinstance(source, tuple) or source.is_by_image:
             return self.known_points(image)
-        file = stated.file_for(task.input.name, shares_stem=task.shares_stem, picture=image)
+        file = source.file_for(task.input.name, shares_stem=task.shares_stem, picture=image)
         if any(is_same_file(output, file) for output in task.outputs.values()):
             raise InputError(f"{file} is its known depth", "choose another {out}")
-        stated = replace(stated, camera=stated.camera.of_image(task.intrinsics))
-        return replace(read_known_depth(file, stated), fit=self.anchors_fit)
+        source = replace(source, camera=source.camera.of_image(task.intrinsics))
+        return replace(read_known_depth(file, source), fit=self.anchors_fit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +65,8 @@ class BatchTask:
     outputs: Mapping[Any, Path]
     earlier: manifest.ManifestRow | None = None  #: the row of an earlier run; None if it has none
     is_listed: bool = False  #: whether the earlier run made outputs of these names
+    #: the row of an earlier input, not of this batch, that has one of the outputs; None if none has
+    rival: manifest.ManifestRow | None = None
     shares_stem: bool = False  #: whether another image has its name but for the suffix
     intrinsics: Intrinsics | None = None  #: its own camera; None for that of the batch
 
@@ -94,8 +95,9 @@ class BatchTask:
         row, now = self.earlier, (manifest.OK, sha256, self.key(batch))
         if row is None:
             return None
-        if row.input_sha256 != sha256:  # a copy of the folder resumes the batch
-            self._check_same_input(row, out)
+        if row.input_sha256 != sha256 and (other := self._owner(row)):
+            advice = "choose another {out}, or delete the manifest to replace such outputs"
+            raise UsageError(f"{self.input_path} would replace the outputs of {other}", advice)
         if not self.is_listed or (row.status, row.input_sha256, row.key) != now:
             return None
         if (row.anchors and row.anchors.sha256) != (points.sha256() if points else None):
@@ -103,21 +105,29 @@ class BatchTask:
         return row if all(manifest.is_intact(out, file) for file in row.outputs) else None
 
     def check_outputs(self, *, overwrite: bool) -> None:
-        """Check the outputs for writing; OutputError if one is the input, or not depthcli's."""
-        guard = Guard.of([path_of(self.input.path)], overwrite=overwrite or self.is_listed)
-        guard.check(*self.outputs.values())
+        """Check the outputs for writing.
 
-    def _check_same_input(self, row: manifest.ManifestRow, out: Path) -> None:
-        """Refuse to replace the outputs of a file of the same name in another folder."""
+        OutputError if one is the input, that of another input, or not depthcli's.
+        """
+        may_replace = overwrite or self.is_listed
+        guard = Guard.of([path_of(self.input.path)], overwrite=may_replace)
+        guard.check(*self.outputs.values())
+        if self.rival and not may_replace and (other := self._owner(self.rival)):
+            problem = f"{self.input_path} would replace the outputs of {other}"
+            raise OutputError(problem, "process both in one batch, or choose another {out}")
+
+    def _owner(self, row: manifest.ManifestRow) -> Path | None:
+        """The input of an earlier row with outputs, if it is another file and still there.
+
+        In a copy of the folder, it is the same file under another path.
+        """
         if row.input_path is None or not row.outputs or row.input_path == self.input_path:
-            return
+            return None
         other = path_of(str(row.input_path))
         with suppress(OSError):
             if other.exists() and not is_same_file(path_of(self.input.path), other):
-                taken = out / row.outputs[0].path
-                problem = f"{taken} is the output for {other}, not for {self.input_path}"
-                advice = "choose another {out}, or delete the manifest to replace such outputs"
-                raise UsageError(problem, advice)
+                return other
+        return None
 
     def result(
         self,
@@ -152,27 +162,19 @@ class BatchTask:
 class TaskBuilder:
     """Makes the task of each input of a batch."""
 
-    def __init__(self, plan: BatchPlan, formats: Iterable[Format]) -> None:
-        """Begin with the formats of images; videos get their counterparts, archives hold them."""
+    def __init__(
+        self, plan: BatchPlan, formats: Iterable[Format], rows: Rows | None = None
+    ) -> None:
+        """Begin with the formats of images, and the rows of earlier batches.
+
+        Videos get the counterparts of these formats, archives hold them.
+        """
         chosen = tuple(formats)
-        videos = tuple(COUNTERPARTS[which] for which in chosen if which in COUNTERPARTS)
-        self._plan = plan
+        videos = tuple(COUNTERPARTS[format_] for format_ in chosen if format_ in COUNTERPARTS)
+        self._plan, self._rows = plan, rows or Rows(())
         self._images = Destination(Kind.FOLDER, plan.out, chosen)
         self._videos = Destination(Kind.FOLDER, plan.out, videos)
-
-    def check_conflicts(self) -> None:
-        """UsageError if an output would replace an input; files of a list can lie anywhere."""
-        places, taken = RealPaths(), set(self._plan.inputs_in_out)
-        inside = os.path.realpath(self._plan.out)
-        folders = map(Path, map(os.path.realpath, self._plan.folders()))
-        if not all(folder.is_relative_to(inside) for folder in folders):
-            # Through a link, outputs go to another folder, which may contain inputs.
-            taken.update(*(places.all_of(file.path) for file in self._plan.inputs))
-        for file in self._plan.inputs if taken else ():
-            for path in self.of(file).values():
-                if places.of(path) in taken:
-                    problem = f"{path}, the output for {file.name}, is an input"
-                    raise UsageError(problem, "choose another {out}")
+        self._rivals = {path: row.input for row in self._rows.others for path in _output_paths(row)}
 
     def of(self, file: InputFile) -> dict[Format, Path] | dict[VideoFormat, Path]:
         """Paths of the outputs of an input."""
@@ -184,18 +186,35 @@ class TaskBuilder:
             return outputs
         return {next(iter(outputs)): base.with_name(f"{base.name}.depth{Path(file.name).suffix}")}
 
-    def task(self, file: InputFile, rows: Rows) -> BatchTask:
-        """The task for an input, given the rows of earlier batches."""
-        plan, row, outputs = self._plan, rows.row(file.name), self.of(file)
-        names = {path.relative_to(plan.out).as_posix() for path in outputs.values()}
-        # Frames of a video have the name of their sequence.
-        sub = re.compile(r"(?<=\.depth\.)\d{6,}(?=\.\w+$)" if is_video(file.name) else r"(?!)")
-        earlier = {sub.sub("%06d", one.path) for one in row.outputs} if row else set()
+    def check_conflicts(self) -> None:
+        """UsageError if an output would replace an input, also through a link."""
+        places, inputs = RealPaths(), self._plan.like_outputs
+        for file in self._plan.inputs if inputs else ():
+            for path in self.of(file).values():
+                if places.of(path) in inputs:
+                    problem = f"{path}, the output for {file.name}, is an input"
+                    raise UsageError(problem, "choose another {out}")
+
+    def task(self, file: InputFile) -> BatchTask:
+        """The task for an input."""
+        plan, row, outputs = self._plan, self._rows.row(file.name), self.of(file)
+        paths = {path.relative_to(plan.out).as_posix() for path in outputs.values()}
+        rivals = (self._rivals[path] for path in paths if path in self._rivals)
         return BatchTask(
             input=file,
             outputs=outputs,
             earlier=row,
-            is_listed=row is not None and names == earlier,
-            shares_stem=plan.stems.is_shared(file.name),
+            is_listed=row is not None and paths == _output_paths(row),
+            rival=next(filter(None, map(self._rows.row, rivals)), None),
+            shares_stem=file.name in plan.same_stem,
             intrinsics=plan.intrinsics.get(file.name),
         )
+
+
+def _output_paths(row: manifest.ManifestRow) -> set[str]:
+    """Paths of a row's outputs; frames of a video have the name of their sequence."""
+    paths = {file.path for file in row.outputs}
+    return {_FRAME.sub("%06d", path) for path in paths} if is_video(row.input) else paths
+
+
+_FRAME = re.compile(r"(?<=\.depth\.)\d{6,}(?=\.\w+$)")

@@ -26,14 +26,15 @@ class FolderChanges:
     The output folder ``out`` is left out.
     """
 
-    def __init__(self, root: str, out: str, wanted: NameFilter) -> None:
-        self._root, self._out, self._wanted = root, out, wanted
+    def __init__(self, root: str, out: str, names_filter: NameFilter) -> None:
+        self._root, self._out, self._names_filter = root, out, names_filter
         self._seen = self._stamps()
 
-    def wait(self, stop: Event) -> Iterator[list[str]]:
-        """Names of inputs whose size and time have not changed for a second, until ``stop`` is set.
+    def wait(self, stop: Event) -> Iterator[tuple[set[str], list[str]]]:
+        """Names of the new and changed inputs, and of all, until ``stop`` is set.
 
-        A file that is still being written is given when it is complete.
+        A file is new or changed when its size and time have stayed the same for a second, so that
+        it is complete.
         """
         since_s: dict[tuple[str, _Stamp], float] = {}
         is_first = True  # what came before the folder was watched is no change of it
@@ -47,20 +48,23 @@ class FolderChanges:
             if not (changes or since_s or is_first):
                 continue
             is_first, now_s = False, time.monotonic()
-            new = self._stamps().items() - self._seen.items()
+            stamps = self._stamps()
+            new = stamps.items() - self._seen.items()
             since_s = {file: since_s.get(file, now_s) for file in new}
             settled = dict(file for file, at_s in since_s.items() if now_s - at_s >= _SETTLE_S)
             self._seen |= settled
             if settled:
-                yield sorted(settled)
+                yield set(settled), list(stamps)
 
     def _stamps(self) -> dict[str, _Stamp]:
         stamps = {}
-        for file in list_folder(self._root, leave_out=self._out, skip=self._wanted.excludes).media:
-            if file.problem is None and self._wanted.refusal(file.name) is None:
+        for file in list_folder(
+            self._root, leave_out=self._out, skip=self._names_filter.excludes
+        ).media:
+            if file.problem is None and self._names_filter.refusal(file.name) is None:
                 try:
-                    found = os.stat(file.path)  # noqa: PTH116 - a path as text
+                    status = os.stat(file.path)  # noqa: PTH116 - a path as text
                 except OSError:
                     continue  # it has gone again
-                stamps[file.name] = found.st_size, found.st_mtime_ns, found.st_ino
+                stamps[file.name] = status.st_size, status.st_mtime_ns, status.st_ino
         return stamps

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path, PurePath
@@ -15,7 +14,7 @@ from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, format_of
 from depthcli.io.storage import atomic, paths
-from depthcli.jobs.output_names import output_bases
+from depthcli.jobs.output_names import output_bases, stem
 from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind, MapOptions
 from depthcli.video import container, formats, numbering
 from depthcli.video.container import LiveStream
@@ -236,36 +235,13 @@ class VideoResult:
 def video_base(source: Path | None) -> str:
     """The name of a video's outputs, without suffix; ``source`` is None for standard input.
 
-    An image sequence counts as one file, ``plate.exr`` for ``plate.%04d.exr`` and for a folder
-    ``plate`` of such images. As of any file, its suffix is kept if another input of its folder has
-    its stem, or another sequence of it has its numbered names.
+    It is ``plate`` for ``plate.%04d.exr``, and for a folder ``plate`` of such images.
     """
-    if source is not None and numbering.is_sequence(source):
-        first, source = _first_image(source), _as_one_file(source)
-        if first is not None and output_bases([first]) == [first.name]:
-            return source.name
-    return output_bases([source])[0]
-
-
-def _first_image(pattern: Path) -> Path | None:
-    """The image of a pattern whose name is the first; None of a folder."""
-    with suppress(OSError):  # which reading it reports
-        for name in () if pattern.is_dir() else numbering.listed_names(pattern.parent):
-            if numbering.number_in(pattern.name, name) is not None:
-                return pattern.with_name(name)
-    return None
-
-
-def _as_one_file(sequence: Path) -> Path:
-    """The file that an image sequence counts as."""
-    if not sequence.is_dir():
-        return sequence.with_name(numbering.sequence_name(sequence.name))
-    sequence = sequence.resolve()  # "." has no name
-    with suppress(OSError):  # which reading it reports
-        names = numbering.listed_names(sequence)
-        first = next(filter(numbering.is_sequence_image, names), "")
-        return sequence.with_name(sequence.name + PurePath(first).suffix)
-    return sequence
+    if source is None or not numbering.is_sequence(source):
+        return output_bases([source])[0]
+    if source.is_dir():
+        return source.resolve().name  # "." has no name
+    return stem(numbering.sequence_name(source.name))
 
 
 def plan_video(request: VideoRequest) -> VideoPlan:
