@@ -1,9 +1,9 @@
-"""What a manifest of millions of rows costs: writing it, resuming with it, planning its list.
+"""What a batch of millions of inputs costs besides reading and writing files.
 
-Each step is a process of its own, which tells its time and its peak memory; the first is a process
-that only imports. Lookups are those of a resumed batch, in the order of names.
-``--no-rewrite`` leaves out the step that reads and writes every row.
-Run: ``python benchmarks/manifest_resume.py [--rows 10000000] [--no-rewrite]``
+A manifest and a list of the same inputs are written; then a batch of the list is resumed, in which
+every input is done. Each step is a process of its own, which prints its time and its peak memory;
+the first is a process that only imports.
+Run: ``python benchmarks/manifest_resume.py [--rows 1000000]``
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ import multiprocessing
 import tempfile
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tools import parse_options, print_cost
 
+from depthcli.io.formats.table import Format
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.manifest import (
     OK,
@@ -26,17 +27,14 @@ from depthcli.io.manifest import (
     ManifestRow,
     OutputFile,
     Shard,
-    known_rows,
 )
 from depthcli.jobs.batch.plan import plan_files
+from depthcli.jobs.batch.tasks import TaskBuilder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from depthcli.io.manifest import Rows
-
 ORIGIN = CacheKey("0" * 64, "default", "1" * 64, "1.0.0")
-LOOKUPS = 100_000
 
 
 def name(number: int) -> str:
@@ -61,38 +59,27 @@ def write(out: Path, rows: int) -> None:
     print(f"  bytes of a row: {(out / WHOLE.manifest_name).stat().st_size / rows:.0f}")
 
 
-def resume(out: Path, rows: int) -> None:
-    """What a batch does before its first input, and for each."""
-    index: list[Rows] = []
-    print_cost("  index", lambda: index.append(known_rows(out)), rows)
-    numbers = range(rows // 2, min(rows, rows // 2 + LOOKUPS))
-    print_cost("  rows in order", partial(look_up, index[0], numbers), len(numbers))
-
-
-def look_up(index: Rows, numbers: range) -> None:
-    """Rows by their names."""
-    if any(index.row(name(number)) is None for number in numbers):
-        raise SystemExit("a row is missing")
-
-
-def finish(out: Path, rows: int) -> None:
-    """The end of a batch that did one input more."""
-    journal = Journal(out)
-    journal.add(row(rows))
-    journal.finish(map(name, range(rows + 1)))
-
-
 def write_list(path: Path, rows: int) -> None:
     """A list of the same names."""
     with path.open("w") as file:
         file.writelines(f"{name(number)}\n" for number in range(rows))
 
 
-def plan(path: Path, shard: Shard) -> None:
-    """The plan of a shard from that list."""
-    listed = read_list(str(path))
-    inputs = plan_files(listed, "list", ".", str(path.with_suffix("")), shard=shard).inputs
-    print(f"  inputs: {len(inputs)}")
+def resume(out: Path, path: Path, shard: Shard) -> None:
+    """What a batch does for inputs that are done: the plan, earlier rows, tasks, the manifest."""
+    steps: list[Any] = []
+
+    def step(what: str, action: Callable[[], object]) -> Any:  # noqa: ANN401 - of any step
+        print_cost(f"  {what}", lambda: steps.append(action()), len(plan.inputs) if steps else 1)
+        return steps[-1]
+
+    plan = step("plan", lambda: plan_files(read_list(str(path)), "list", ".", out, shard=shard))
+    journal = step("earlier rows", lambda: Journal(out, shard, plan.names.names))
+    tasks = TaskBuilder(plan, (Format.PNG16,), journal)
+    kept = step("tasks", lambda: sum(tasks.task(file).is_listed for file in plan.inputs))
+    if kept != len(plan.inputs):
+        raise SystemExit("a row is missing")
+    step("manifest", lambda: journal.finish(file.name for file in plan.inputs))
 
 
 def apart(what: str, action: Callable[[], None], rows: int) -> None:
@@ -108,23 +95,20 @@ def apart(what: str, action: Callable[[], None], rows: int) -> None:
 
 def main() -> None:
     """Measure and print."""
-    options = parse_options(__doc__, rows=10_000_000, no_rewrite=False)
+    options = parse_options(__doc__, rows=1_000_000)
     rows = options.rows
     with tempfile.TemporaryDirectory() as folder:
         out, listed = Path(folder) / "out", Path(folder) / "list.txt"
         out.mkdir()
         steps: dict[str, Callable[[], None]] = {
             "imports": lambda: None,
-            "write": partial(write, out, rows),
-            "resume": partial(resume, out, rows),
-            "finish": partial(finish, out, rows),
+            "write the manifest": partial(write, out, rows),
             "write the list": partial(write_list, listed, rows),
-            "plan of 1/100": partial(plan, listed, Shard(1, 100)),
-            "plan of all": partial(plan, listed, WHOLE),
+            "resume one shard of 100": partial(resume, out, listed, Shard(1, 100)),
+            "resume all": partial(resume, out, listed, WHOLE),
         }
         for what, action in steps.items():
-            if not (options.no_rewrite and what == "finish"):
-                apart(what, action, rows)
+            apart(what, action, rows)
 
 
 if __name__ == "__main__":
