@@ -19,7 +19,7 @@ from depthcli.core.options import UpsamplingOptions
 from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
-from depthcli.io.storage.atomic import Guard
+from depthcli.io.guard import Guard
 from depthcli.jobs.image import ImageJob
 from depthcli.jobs.video.frames import FrameClock, FrameFilter, FramePredictor
 from depthcli.jobs.video.known_depth import FrameAnchors

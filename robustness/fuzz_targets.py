@@ -39,10 +39,10 @@ from depthcli.io.exr.file import read_exr_rate, write_exr
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
+from depthcli.io.guard import is_own_image
 from depthcli.io.images.png import encode_png
 from depthcli.io.images.read import read_image
 from depthcli.io.images.tiff import parse_exif
-from depthcli.io.listing.folder import is_own_image
 from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list
 from depthcli.io.tables import read_lenses
 from depthcli.jobs.video.resume import FrameJournal

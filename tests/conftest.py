@@ -14,7 +14,7 @@ from helpers.command_line import ROOT, Cli, InProcess
 from helpers.tiny import write_model, write_picture
 from hypothesis import HealthCheck, settings
 
-from depthcli.io.listing.folder import is_installed
+from depthcli.io.media import is_installed
 from depthcli.io.storage import objects
 
 if TYPE_CHECKING:

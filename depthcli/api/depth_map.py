@@ -22,8 +22,9 @@ from depthcli.io.formats.html import HtmlWriter
 from depthcli.io.formats.options import with_members
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import FILE_SUFFIXES, format_of, writer_class
+from depthcli.io.guard import Guard
 from depthcli.io.images.png import encode_png
-from depthcli.io.storage.atomic import Guard, atomic_path
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import path_of
 
 AnchorLike: TypeAlias = Anchor | tuple[int, int, float]

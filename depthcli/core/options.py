@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple, TypeVar
 
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError, Message, UsageError
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
 
@@ -76,6 +76,7 @@ class DepthEncoding(StrEnum):
     DISPARITY = "disparity"  #: displacement between rectified images in pixels; needs a baseline
 
 
+MILLIMETRES = 1000.0  #: default units per metre of 16-bit depth
 AUTO_TILE = 0  #: stands for tiles of 3/4 of the picture's width; see docs/sharpness.md
 GPU_BATCH = 8  #: batch size of the network on other providers than the CPU
 MAX_PIXELS = 250_000_000  #: larger pictures are refused, unless another limit is given
@@ -142,6 +143,12 @@ class Projection(StrEnum):
     def is_other(self) -> bool:
         """Whether it is not that of a pinhole camera."""
         return self is not Projection.PINHOLE
+
+
+PANORAMA = Message(  #: a warning
+    "it states that it is a panorama, and is taken for an image of a pinhole camera",
+    "give {projection} equirectangular if it shows all directions",
+)
 
 
 class ReadOptions(NamedTuple):

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 from depthcli.errors import InputError, UsageError
 from depthcli.io.formats.table import Format
-from depthcli.io.listing.folder import is_exr, is_media
 from depthcli.io.listing.path_list import PATHS, open_parquet
+from depthcli.io.media import is_exr, is_media
 
 _ROWS = 64  # of a row group that is written
 _IMAGES = (Format.PNG16, Format.PREVIEW)

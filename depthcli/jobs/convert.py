@@ -14,15 +14,16 @@ import numpy as np
 
 from depthcli.core import parallel, types
 from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics, focal_px_of_35mm
-from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, ReadOptions
+from depthcli.core.options import AS_STATED, MAX_PIXELS, MILLIMETRES, DepthEncoding, ReadOptions
 from depthcli.core.temporal import RangeLock, ema_decay
 from depthcli.errors import DepthcliError, InputError, Message, UsageError
 from depthcli.io.depth import read as depth_files
 from depthcli.io.depth.metadata import NORMALIZED
 from depthcli.io.depth.read import StoredDepth, stated_range
 from depthcli.io.formats import table
-from depthcli.io.formats.options import MILLIMETRES, WriterOptions
+from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import percentiles
+from depthcli.io.guard import Guard, is_own_image
 from depthcli.io.images.read import read_image
 from depthcli.io.listing import folder as folders
 from depthcli.io.listing.folder import InputFile, NameFilter, Skipped
@@ -118,7 +119,7 @@ def _write_converted(
     if not (depth.valid.any() or inspect.is_depth_video(paths.path_of(request.source))):
         raise InputError(f"{stored.name} has no pixel with depth, so nothing is written")
     inputs = [paths.path_of(name) for name in (request.source, request.picture) if name is not None]
-    guard = atomic.Guard.of(inputs, overwrite=request.overwrite)
+    guard = Guard.of(inputs, overwrite=request.overwrite)
     with atomic.atomic_path(path, guard=guard) as temporary:
         writing = (
             _sidecar_options(request, stored) if format_ is table.Format.JSON else request.writing
@@ -276,7 +277,7 @@ def _why_no_depth(path: str) -> str | None:
     if name.suffix.lower() not in table.READABLE_SUFFIXES or re.search(_OTHER_BIN, name.name):
         return name.suffix.lower() or "without suffix"
     kind = table.format_of(name)
-    is_image = kind is not None and not kind.facts.is_readable and folders.is_own_image(path)
+    is_image = kind is not None and not kind.facts.is_readable and is_own_image(path)
     return str(kind) if is_image else None
 
 
@@ -338,7 +339,7 @@ def convert_to_video(
             assumed = f"no frame rate is given; {FALLBACK_RATE} is assumed"
             warnings.append(Message(assumed, "give {fps}"))
         timing = Timing(rate or FALLBACK_RATE, source_rate=rate, step=None)
-        guard = atomic.Guard.of(inputs, overwrite=request.overwrite)
+        guard = Guard.of(inputs, overwrite=request.overwrite)
         output = stack.enter_context(video_file(format_, path, timing, guard, request.writing))
         shape, lock, decay = None, RangeLock(), ema_decay(float(1 / timing.rate), LOCK_S)
         for stored in frames:

@@ -161,7 +161,7 @@ def _check_codecs() -> Iterator[Check]:
 
 
 def _check_extras() -> Iterator[Check]:
-    from depthcli.io.listing.folder import EXTRAS, is_installed
+    from depthcli.io.media import EXTRAS, is_installed
 
     for suffix in (".heic", ".dpx"):
         package, install = EXTRAS[suffix]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import FILE_SUFFIXES, Format, format_of, stem_of
-from depthcli.io.listing.folder import is_own_image
+from depthcli.io.guard import is_own_image
 from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.jobs import outputs
 from depthcli.jobs.outputs import STDIO, Destination, Kind, MapOptions, OutputPlan

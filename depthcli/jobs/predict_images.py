@@ -15,7 +15,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import Format, writer_class
-from depthcli.io.storage.atomic import Guard
+from depthcli.io.guard import Guard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.image import FailedInput, ImageJob, ImageTask, Target, failure_reason
 from depthcli.jobs.outputs import MapOptions, OutputPlan

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, os_errors_as
-from depthcli.io.listing.folder import HEIF_SUFFIXES
+from depthcli.io.media import HEIF_SUFFIXES
 from depthcli.io.storage.paths import regular_size, safe_name
 from depthcli.video.numbering import SINGLE_IMAGE_ADVICE, is_single_image
 

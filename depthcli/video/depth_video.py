@@ -13,7 +13,7 @@ import numpy as np
 from depthcli.core.types import DepthKind, DepthMap, Frame, Window, Windows
 from depthcli.errors import InputError
 from depthcli.io.depth import metadata, read
-from depthcli.io.formats.table import LABEL_PREFIX
+from depthcli.io.marks import LABEL_PREFIX
 from depthcli.video import frames
 from depthcli.video.container import open_video
 from depthcli.video.formats import DEPTH_PIXELS

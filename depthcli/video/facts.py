@@ -13,9 +13,8 @@ from av.sidedata.sidedata import Type
 from av.video.frame import VideoFrame
 
 from depthcli.core.imageops import transfer_warning
-from depthcli.core.options import Eye, Projection
+from depthcli.core.options import PANORAMA, Eye, Projection
 from depthcli.errors import Message, UsageError
-from depthcli.io.images.pixels import PANORAMA
 
 _FOCAL_35MM = "camera.focal_length.35mm_equivalent"
 _LENS = re.compile(r"focal|lens", re.IGNORECASE)

@@ -12,14 +12,8 @@ from typing import NamedTuple
 
 from depthcli.errors import InputError, UsageError, os_errors_as
 from depthcli.io.formats.table import READABLE_SUFFIXES
-from depthcli.io.listing.folder import (
-    EXR_SUFFIX,
-    HEIF_SUFFIXES,
-    IMAGE_SUFFIXES,
-    is_exr,
-    is_image,
-    is_own_image,
-)
+from depthcli.io.guard import is_own_image
+from depthcli.io.media import EXR_SUFFIX, HEIF_SUFFIXES, IMAGE_SUFFIXES, is_exr, is_image
 from depthcli.io.storage.paths import RemotePath, path_of
 
 SINGLE_IMAGE_ADVICE = (

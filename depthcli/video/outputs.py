@@ -24,8 +24,10 @@ from depthcli.io.depth.metadata import UINT16_MAX, metadata_texts, normalized, q
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.stereo import StereoWriter
-from depthcli.io.formats.table import COMMENT_PREFIX, LABEL_PREFIX, Format, writer_of
-from depthcli.io.storage.atomic import Guard, atomic_path
+from depthcli.io.formats.table import Format, writer_of
+from depthcli.io.guard import Guard
+from depthcli.io.marks import COMMENT_PREFIX, LABEL_PREFIX
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import OutputPipe
 from depthcli.video.decoder import state_number

@@ -12,7 +12,7 @@ from depthcli.core.types import Frame, Window
 from depthcli.errors import InputError, Message, about
 from depthcli.io.exr.image import read_exr_image
 from depthcli.io.images.read import read_image
-from depthcli.io.listing.folder import is_exr
+from depthcli.io.media import is_exr
 from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, exact_rate
 from depthcli.video.numbering import NumberedImage, are_times, find_images
 

@@ -13,7 +13,7 @@ from av.video.stream import VideoStream
 from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, Message, UsageError
-from depthcli.io.formats.table import LABEL_PREFIX
+from depthcli.io.marks import LABEL_PREFIX
 from depthcli.video import frames as clock
 from depthcli.video.container import InputPipe, LiveStream, open_video, pipe_advice, video_streams
 from depthcli.video.converter import FrameConverter

@@ -10,7 +10,7 @@ from helpers.heifs import heic, pillow_heif
 from helpers.tiny import synthetic_picture
 from PIL import Image
 
-from depthcli.io.listing.folder import is_installed
+from depthcli.io.media import is_installed
 
 PICTURE = synthetic_picture(48, 64)
 HEIC = heic(PICTURE)

@@ -29,11 +29,11 @@ from depthcli.io.formats.table import (
     FORMATS,
     Format,
     format_of,
-    is_own,
     stem_of,
     writer_class,
     writer_of,
 )
+from depthcli.io.guard import is_own
 
 
 @pytest.mark.parametrize(

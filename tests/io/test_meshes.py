@@ -16,7 +16,8 @@ from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.geometry import camera_of
 from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format, is_own, writer_of
+from depthcli.io.formats.table import Format, writer_of
+from depthcli.io.guard import is_own
 
 trimesh = pytest.importorskip("trimesh")
 

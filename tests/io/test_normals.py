@@ -9,7 +9,7 @@ from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance, Window, 
 from depthcli.errors import OutputError
 from depthcli.io.formats.exr import NormalsExrWriter
 from depthcli.io.formats.geometry import NormalsWriter
-from depthcli.io.formats.table import is_own
+from depthcli.io.guard import is_own
 
 oiio = pytest.importorskip("OpenImageIO")
 

@@ -23,8 +23,8 @@ from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import FORMATS, Format
-from depthcli.io.listing.folder import is_own_image
-from depthcli.io.storage.atomic import Guard, atomic_path
+from depthcli.io.guard import Guard, is_own_image
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.jobs.output_names import OutputNames
 from depthcli.jobs.outputs import OutputPlan, plan_outputs
 from depthcli.jobs.predict import picture_destination

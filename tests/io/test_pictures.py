@@ -17,11 +17,10 @@ from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
 from depthcli.core.camera import focal_px_of_35mm
-from depthcli.core.options import Eye
+from depthcli.core.options import PANORAMA, Eye
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError
 from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.images.pixels import PANORAMA
 from depthcli.io.images.read import read_image
 from depthcli.io.images.tiff import EXIF_IFD, parse_exif
 from depthcli.video.source import VideoSource

@@ -32,7 +32,7 @@ from depthcli.io.formats.preview import (
     with_legend,
 )
 from depthcli.io.formats.stereo import StereoWriter
-from depthcli.io.formats.table import is_own
+from depthcli.io.guard import is_own
 
 RAMP_M = np.linspace(1, 9, 60 * 80, dtype=np.float32).reshape(60, 80)
 INVALID = [96, 96, 96]

@@ -22,6 +22,7 @@ from helpers.watched import Watched
 from depthcli.api.depth_map import DepthMap
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.guard import Guard
 from depthcli.io.listing.folder import InputFile, Skipped, list_folder
 from depthcli.io.manifest import (
     OK,
@@ -33,7 +34,7 @@ from depthcli.io.manifest import (
     known_rows,
 )
 from depthcli.io.storage import objects
-from depthcli.io.storage.atomic import Guard, atomic_path
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import (
     RemotePath,
     join,

@@ -23,13 +23,12 @@ from depthcli.io.listing.folder import (
     NameFilter,
     Skipped,
     conversion_hint,
-    is_media,
-    is_video,
     list_folder,
     skip_summary,
     why_skipped,
 )
 from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list, read_list
+from depthcli.io.media import is_media, is_video
 
 
 def touch(root: Path, *names: str) -> None:

@@ -18,12 +18,12 @@ from helpers.file_trees import names
 
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import OutputError, UsageError
+from depthcli.io import guard as guards
 from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format, is_own, writer_of
-from depthcli.io.storage import atomic
+from depthcli.io.formats.table import Format, writer_of
+from depthcli.io.guard import Guard, is_own
 from depthcli.io.storage import temporary as temporaries
 from depthcli.io.storage.atomic import (
-    Guard,
     append_whole,
     atomic_path,
     replace_folder,
@@ -322,7 +322,7 @@ def test_a_file_that_may_not_be_read_is_not_replaced(
     def refuse(path: Path) -> bool:
         raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
-    monkeypatch.setattr(atomic, "is_own", refuse)  # root may read everything
+    monkeypatch.setattr(guards, "is_own", refuse)  # root may read everything
     guard = Guard.of(())
     guard.check(tmp_path / "a.png")
     (tmp_path / "a.png").write_bytes(b"secret")

@@ -14,7 +14,7 @@ from helpers.videos import with_sound, write_preview_video
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError
 from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.formats.table import is_own
+from depthcli.io.guard import is_own
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import InputPipe, OutputPipe, RawVideo
 from depthcli.video.formats import VideoFormat, preview_codec

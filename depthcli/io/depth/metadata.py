@@ -12,11 +12,10 @@ from depthcli._version import __version__
 from depthcli.core.arrays import BoolArray, Float32Array, FloatArray, UInt16Array
 from depthcli.core.camera import CameraSource, hfov_deg
 from depthcli.core.imageops import row_bands
-from depthcli.core.options import AnchorsFit, Projection
+from depthcli.core.options import MILLIMETRES, AnchorsFit, Projection
 from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthMap, Provenance, has_depth
 from depthcli.errors import Message, UsageError
-from depthcli.io.formats.options import MILLIMETRES
-from depthcli.io.formats.table import KEY_PREFIX
+from depthcli.io.marks import KEY_PREFIX
 
 SOFTWARE = f"depthcli {__version__}"
 _Value: TypeAlias = str | float | tuple[float, float]

@@ -11,7 +11,7 @@ import numpy as np
 
 from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.options import DepthEncoding
+from depthcli.core.options import MILLIMETRES, DepthEncoding
 from depthcli.core.types import (
     DepthKind,
     DepthMap,
@@ -23,7 +23,6 @@ from depthcli.core.types import (
 )
 from depthcli.errors import InputError, Message
 from depthcli.io.depth import metadata as facts
-from depthcli.io.formats.options import MILLIMETRES
 from depthcli.io.formats.sidecar import FileMetadata, with_sidecar
 from depthcli.io.formats.table import READABLE_SUFFIXES, readable_format, reader_of
 from depthcli.io.storage.paths import path_of

@@ -8,10 +8,16 @@ import numpy as np
 
 from depthcli.core.arrays import Float32Array, Float64Array
 from depthcli.core.imageops import row_bands
-from depthcli.core.options import AS_STATED, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
+from depthcli.core.options import (
+    AS_STATED,
+    MAX_PIXELS,
+    PANORAMA,
+    Projection,
+    ReadOptions,
+    check_pixel_count,
+)
 from depthcli.core.types import Frame, Window, Windows
 from depthcli.errors import InputError, Message
-from depthcli.io.images.pixels import PANORAMA
 
 _LINEAR_UP_TO = 0.0031308
 _REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x, y of R, G, B and white

@@ -11,10 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
-from depthcli.core.options import Colormap, Near, Rule, StereoLayout, chosen
+from depthcli.core.options import MILLIMETRES, Colormap, Near, Rule, StereoLayout, chosen
 from depthcli.errors import UsageError
 
-MILLIMETRES = 1000.0  #: default units per metre of 16-bit depth
 EYE_DISTANCE_M = 0.063  #: mean distance of adults' eyes
 HELP = "help"
 """Key of a field's metadata with its help; beside it are ``rule`` and ``is_usual``."""

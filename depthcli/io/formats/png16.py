@@ -16,9 +16,9 @@ from depthcli.io.depth import metadata as facts
 from depthcli.io.depth.read import DepthReadOptions, StoredDepth, reciprocal, stored_depth
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.sidecar import with_sidecar
-from depthcli.io.formats.table import KEY_PREFIX
 from depthcli.io.images.png import SIGNATURE, encode_png, read_text
 from depthcli.io.images.read import OPENCV_MAX_PIXELS, check, decode
+from depthcli.io.marks import KEY_PREFIX
 from depthcli.io.storage.paths import read_bytes
 
 _GRAY_RANK = 2

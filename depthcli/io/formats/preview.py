@@ -12,8 +12,8 @@ from depthcli.core.options import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import SOFTWARE_KEY
 from depthcli.io.images.png import encode_png
+from depthcli.io.marks import SOFTWARE_KEY
 
 _OPENCV = {
     Colormap.INFERNO: cv2.COLORMAP_INFERNO,

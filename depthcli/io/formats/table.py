@@ -6,8 +6,6 @@ and a function ``read`` if ``info`` and ``convert`` read it back; its options ar
 
 from __future__ import annotations
 
-import re
-import sys
 from enum import StrEnum
 from functools import partial
 from pathlib import PurePath
@@ -25,20 +23,13 @@ from depthcli.io.formats.options import (
     WriterOptions,
     names_of,
 )
+from depthcli.io.marks import EXR_MARK, KEY_PREFIX, SOFTWARE_KEY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
     from pathlib import Path
 
     from depthcli.core.types import DepthMap, Frame
-
-KEY_PREFIX = "depthcli:"  #: start of the names of texts in PNG, EXR and PLY
-SOFTWARE_KEY = f"{KEY_PREFIX}software"  #: a text in every PNG (after its header) and EXR
-LABEL_PREFIX = "DEPTHCLI_"  #: start of the names of the labels in a depth video
-COMMENT_PREFIX = "written by depthcli "  #: start of the comment in a preview or stereo video
-_HEAD_BYTES = 4096
-_WEBM_HEAD_BYTES = 2**16  # tags come after the headers of audio, of which Vorbis' are long
-_DEFAULT_STEM = re.compile(r"(?i)\.depth(\.\d+)?$", re.ASCII)
 
 
 class Writer(Protocol):
@@ -102,7 +93,6 @@ _EXR, _PNG, _ENDS = names_of(ExrOptions), names_of(PngOptions), names_of(RangeOp
 _SURFACE, _STEREO = names_of(SurfaceOptions), names_of(StereoOptions)
 _PLY = names_of(SurfaceOptions, PlyOptions)
 _PNG_MARK = f"{SOFTWARE_KEY}\0".encode()
-_EXR_MARK = f"{SOFTWARE_KEY}\0string\0".encode()
 _PGM_MARK = f"# {SOFTWARE_KEY} ".encode()
 _PLY_MARK = f"comment {KEY_PREFIX}".encode()
 _HTML_MARK = b'name="generator" content="depthcli '
@@ -132,14 +122,14 @@ class Format(StrEnum):
         return member
 
     PNG16 = "png16", _steps("png16:Png16Writer", ".depth.png", ".png", _PNG_MARK)
-    EXR = "exr", _exact("exr:ExrWriter", ".depth.exr", ".exr", _EXR_MARK, _EXR, has_overscan=True)
+    EXR = "exr", _exact("exr:ExrWriter", ".depth.exr", ".exr", EXR_MARK, _EXR, has_overscan=True)
     NPY = "npy", FormatFacts("npy:NpyWriter", ".depth.npy", ".npy", is_readable=True, is_exact=True)
     PREVIEW = "preview", _image("preview:PreviewWriter", ".preview.png", None, _PNG_MARK, _COLOURS)
     PLY = "ply", _scene("geometry:PlyWriter", ".ply", ".ply", _PLY_MARK, _PLY)
     GLB = "glb", _scene("geometry:GlbWriter", ".glb", ".glb", b'"generator":"depthcli ', _SURFACE)
     HTML = "html", _scene("html:HtmlWriter", ".html", ".html", _HTML_MARK, _SURFACE)
     NORMALS = "normals", _stated("geometry:NormalsWriter", ".normals.png", None, _PNG_MARK)
-    NORMALS_EXR = "normals-exr", _plate("exr:NormalsExrWriter", ".normals.exr", None, _EXR_MARK)
+    NORMALS_EXR = "normals-exr", _plate("exr:NormalsExrWriter", ".normals.exr", None, EXR_MARK)
     STEREO = "stereo", _scene("stereo:StereoWriter", ".stereo.png", None, _PNG_MARK, _STEREO)
     PFM = "pfm", _floats(".depth.pfm", ".pfm")
     TIFF = "tiff", _floats(".depth.tiff", ".tiff")
@@ -159,13 +149,6 @@ READABLE = sorted(
 """The formats that are read back, the exact ones first; EXR may be of half floats."""
 READABLE_SUFFIXES = (*(str(f.facts.file_suffix) for f in Format if f.facts.is_readable), *_ALIASES)
 """File suffixes of the formats that are read back."""
-# Depth videos have labels, those of colours a comment.
-_MARKS = {PurePath(f"a{facts.suffix}").suffix: facts.mark for facts in FORMATS.values()} | {
-    ".mkv": LABEL_PREFIX.encode(),
-    ".mp4": COMMENT_PREFIX.encode(),
-    ".webm": COMMENT_PREFIX.encode(),
-    ".mov": COMMENT_PREFIX.encode(),
-}
 
 
 def format_of(path: str | PurePath) -> Format | None:
@@ -191,36 +174,6 @@ def stem_of(path: str | PurePath, others: Iterable[str] = ()) -> str:
     ends = (*others, *(facts.suffix for facts in FORMATS.values()), *FILE_SUFFIXES, *_ALIASES)
     end = next((end for end in ends if name.lower().endswith(end)), "")
     return name[: len(name) - len(end)] or name
-
-
-def is_own(path: Path) -> bool:
-    """Whether depthcli wrote a file that exists.
-
-    Its first bytes have the mark of its format; in a format without marks, it has a default name,
-    such as ``a.depth.npy`` or ``a.depth.000001.npy``.
-
-    Raises:
-        OSError: it cannot be read, or is not a regular file.
-    """
-    end = suffix_of(path)
-    mark = _MARKS.get(end)
-    if mark:
-        from depthcli.io.storage.paths import read_regular  # noqa: PLC0415 - help needs none
-
-        read = partial(read_regular, path, sys.maxsize)
-        head = read(first=_WEBM_HEAD_BYTES if end == ".webm" else _HEAD_BYTES)
-        return mark in (read(first=_index_end(head)) if end in {".mp4", ".mov"} else head)
-    return mark is not None and _DEFAULT_STEM.search(path.stem) is not None
-
-
-def _index_end(head: bytes) -> int:
-    """Where the index of an MP4 or MOV ends, if it follows the first box; else a few kilobytes.
-
-    Its last box has the comment, behind tables that are as long as the video.
-    """
-    start = int.from_bytes(head[:4])
-    is_index = head[start + 4 : start + 8] == b"moov"
-    return start + int.from_bytes(head[start : start + 4]) if is_index else _HEAD_BYTES
 
 
 def readable_format(path: str | PurePath) -> Format | None:

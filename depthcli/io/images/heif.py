@@ -12,7 +12,7 @@ from depthcli.core.arrays import AnyArray
 from depthcli.core.options import INSTALL_HEIF
 from depthcli.errors import InputError
 from depthcli.io.images.opencv import ANIMATED, Decoded, Header, decode_with_opencv
-from depthcli.io.listing.folder import is_installed
+from depthcli.io.media import is_installed
 
 _HEVC_BRANDS = frozenset((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"hevm", b"hevs"))
 _AVIF_BRANDS = frozenset((b"avif", b"avis"))

@@ -18,11 +18,6 @@ _SLIVER = 0.065  # of the range: all of 12 bits, or of a thermal camera
 _STEP = 4  # pixels between those that are looked at
 _OPAQUE = 0.95
 
-PANORAMA = Message(  #: a warning
-    "it states that it is a panorama, and is taken for an image of a pinhole camera",
-    "give {projection} equirectangular if it shows all directions",
-)
-
 
 def upright(pixels: AnyArray, orientation: int) -> AnyArray:
     """Undo an EXIF orientation, 1-8, of pixels (H, W) or (H, W, C) as stored.

@@ -23,6 +23,7 @@ from depthcli.core.imageops import transfer_warning
 from depthcli.core.options import (
     EXPOSURE,
     MAX_PIXELS,
+    PANORAMA,
     Eye,
     Projection,
     ReadOptions,
@@ -32,7 +33,6 @@ from depthcli.core.types import Frame
 from depthcli.errors import InputError, Message, UsageError, is_out_of_memory
 from depthcli.io.images.opencv import Decoded, Header
 from depthcli.io.images.pixels import (
-    PANORAMA,
     as_frame_dtype,
     check_levels,
     fill_transparent,
@@ -41,7 +41,8 @@ from depthcli.io.images.pixels import (
 )
 from depthcli.io.images.png import SIGNATURE
 from depthcli.io.images.tiff import EXIF_IFD, TIFF_STARTS, Exif, parse_exif, profile_warning
-from depthcli.io.listing.folder import CAMERA_RAW, EXR_MAGIC, is_own_exr, is_video
+from depthcli.io.marks import EXR_MARK
+from depthcli.io.media import CAMERA_RAW, EXR_MAGIC, is_video
 from depthcli.io.storage.paths import path_of, read_bytes
 
 OPENCV_MAX_PIXELS = 2**30
@@ -218,7 +219,7 @@ def read_image(
         # Other images need not wait for it.
         from depthcli.io.exr.image import read_exr_image  # noqa: PLC0415
 
-        if is_own_exr(data):
+        if EXR_MARK in data[:4096]:
             raise InputError(f"{name} was written by depthcli", "'depthcli convert' reads it")
         options = ReadOptions(exposure=exposure, layer=layer, projection=projection)
         frame = read_exr_image(data, name=name, max_pixels=max_pixels, options=options)

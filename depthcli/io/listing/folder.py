@@ -1,57 +1,17 @@
-"""The images and videos below a folder, and which of them are outputs of depthcli."""
+"""The images and videos below a folder, and patterns for their names."""
 
 import os
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import cache, partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple, Self, TypeAlias
 
-from depthcli.core.options import INSTALL_FORMATS, INSTALL_HEIF
 from depthcli.errors import InputError, UsageError, os_errors_as
-from depthcli.io.formats.table import Format, is_own
+from depthcli.io.guard import is_own_output
+from depthcli.io.media import CAMERA_RAW, EXTRAS, is_media, lower_suffix
 from depthcli.io.storage.paths import RemotePath, path_of
-
-EXR_MAGIC = b"v/1\x01"  #: the first bytes of every EXR
-_IMAGES = (".png", ".exr", ".tif", ".tiff", ".pgm")
-_IMAGE_NAME = (
-    r"(?i)(\.((depth|normals)(\.\d{6,})?\.(png|pgm|tiff?)|(preview|stereo)\.png)"
-    r"|(depth|normals)[^/]*\.exr)$"
-)
-_OTHER_NAME = r"(?i)\.(depth\.(mkv|tar|parquet)|stereo\.mp4|preview\.(mp4|webm|mov))$"
-
-
-def is_own_image(path: str | Path) -> bool:
-    """Whether a file is an image that depthcli wrote; in a store, by its name first."""
-    path = path_of(path)
-    if isinstance(path, RemotePath) and not re.search(_IMAGE_NAME, path.name):
-        return False  # saves a request for each input
-    try:
-        return path.suffix.lower() in _IMAGES and is_own(path)
-    except OSError:
-        return False
-
-
-def is_own_exr(data: bytes) -> bool:
-    """Whether an EXR, of which the first bytes are enough, was written by depthcli."""
-    return Format.EXR.facts.mark in data[:4096]
-
-
-def is_own_output(path: str) -> bool:
-    """Whether a file found in a folder is an output: an image if opened, others by their name."""
-    is_named = re.search(_IMAGE_NAME, path)
-    return bool(re.search(_OTHER_NAME, path) or (is_named and is_own_image(path)))
-
-
-HEIF_SUFFIXES = (".heic", ".heif", ".hif")
-FORMATS_SUFFIXES = (".dpx", ".cin", ".hdr", ".psd", ".jxl", ".jp2", ".tga")
-EXTRAS = {  #: the package that images of a suffix need, and how to install it
-    **dict.fromkeys(HEIF_SUFFIXES, ("pillow_heif", INSTALL_HEIF)),
-    **dict.fromkeys(FORMATS_SUFFIXES, ("OpenImageIO", INSTALL_FORMATS)),
-}
-
 
 HIDDEN = "hidden"
 SYSTEM_FOLDERS = frozenset(
@@ -62,7 +22,6 @@ OWN = "written by depthcli"
 EXCLUDED = "excluded"
 NOT_INCLUDED = "not included"
 TWICE = "listed twice"
-CAMERA_RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf")
 _MAX_REASONS = 6
 
 
@@ -71,12 +30,6 @@ class Skipped(NamedTuple):
 
     name: str  #: path relative to the folder, with ``/`` between its parts
     reason: str  #: one of the words above, the file's suffix, or the name of a system's folder
-
-
-@cache
-def is_installed(package: str) -> bool:
-    """Whether an extra's package is installed; it is not loaded."""
-    return find_spec(package) is not None
 
 
 def skip_summary(skipped: Sequence[Skipped]) -> str:
@@ -102,16 +55,6 @@ def conversion_hint(skipped: Sequence[Skipped]) -> str | None:
     )
 
 
-IMAGE_SUFFIXES = (
-    *(".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp", ".avif"),
-    *(".bmp", ".dib", ".gif", ".pbm", ".pgm", ".ppm", ".pnm"),
-)
-EXR_SUFFIX = ".exr"  #: not among ``IMAGE_SUFFIXES``: most such files in a folder hold no image
-VIDEO_SUFFIXES = (
-    *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg"),
-    *(".mts", ".m2ts", ".ts", ".mxf", ".wmv", ".flv", ".ogv", ".3gp"),
-)
-ARCHIVE_SUFFIXES = (".tar", ".parquet")
 _Identity: TypeAlias = tuple[int, int] | None
 
 
@@ -147,43 +90,13 @@ class Listing(NamedTuple):
             self.skipped.append(Skipped(name, reason))
 
 
-def _suffix(name: str) -> str:
-    return os.path.splitext(name)[1].lower()  # noqa: PTH122 - names, not paths
-
-
-def is_video(name: str) -> bool:
-    """Whether a name's suffix is a video's."""
-    return _suffix(name) in VIDEO_SUFFIXES
-
-
-def is_archive(name: str) -> bool:
-    """Whether a name's suffix is that of a data set in one file, a tar shard or Parquet."""
-    return _suffix(name) in ARCHIVE_SUFFIXES
-
-
-def is_exr(name: str) -> bool:
-    """Whether a name's suffix is that of OpenEXR, which holds images or depth."""
-    return _suffix(name) == EXR_SUFFIX
-
-
-def is_image(name: str) -> bool:
-    """Whether a name's suffix is that of an image that is read here, EXR apart."""
-    suffix = _suffix(name)
-    return suffix in IMAGE_SUFFIXES or (suffix in EXTRAS and is_installed(EXTRAS[suffix][0]))
-
-
-def is_media(name: str) -> bool:
-    """Whether a name is an image's or a video's by its suffix, and not hidden."""
-    return not name.startswith(".") and (is_image(name) or is_video(name))
-
-
 def why_skipped(path: str) -> str | None:
     """Why a file in a folder is not an input; None if it is one."""
     name = os.path.basename(path)  # noqa: PTH119 - names, not paths
     if name.startswith("."):
         return HIDDEN
     if not is_media(name):
-        return _suffix(name) or "without suffix"
+        return lower_suffix(name) or "without suffix"
     return OWN if is_own_output(path) else None
 
 

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from depthcli.core.options import INSTALL_PYARROW, one_line
 from depthcli.errors import InputError, UsageError, os_errors_as
-from depthcli.io.listing.folder import InputFile, is_exr, is_media
+from depthcli.io.listing.folder import InputFile
+from depthcli.io.media import is_exr, is_media
 from depthcli.io.storage import paths
 
 if TYPE_CHECKING:

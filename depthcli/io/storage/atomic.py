@@ -4,64 +4,28 @@ import os
 import re
 import shutil
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
-from typing import Self, TypeAlias
+from typing import Protocol, TypeAlias
 
 from depthcli.errors import OutputError, UsageError, os_errors_as
-from depthcli.io.formats.table import is_own
 from depthcli.io.storage.paths import RemotePath, uploaded
 from depthcli.io.storage.temporary import folder_lock, temporary_beside
 
-_Identity: TypeAlias = tuple[int, int] | str
-_ADVICE = "choose another {out}"
+FileIdentity: TypeAlias = tuple[int, int] | str
+OUT_ADVICE = "choose another {out}"
 
 
-@dataclass(frozen=True, slots=True)
-class Guard:
-    """An existing file is replaced only if depthcli wrote it, or on request; an input never.
-
-    A file without content has nothing to lose, and is replaced as well.
-    """
-
-    inputs: frozenset[_Identity] = frozenset()  #: files that are never replaced
-    overwrite: bool = False  #: whether files of other programs may be replaced
-
-    @classmethod
-    def of(cls, inputs: Iterable[Path], *, overwrite: bool = False) -> Self:
-        """Make a guard of inputs, which are looked up now."""
-        return cls(frozenset(map(_identity, inputs)), overwrite)
+class OutputRule(Protocol):
+    """A rule about which files may be replaced, such as :class:`depthcli.io.guard.Guard`."""
 
     def check(self, *paths: Path) -> None:
-        """Check that outputs may be written to paths; one request each in an object store."""
-        for path in paths:
-            if self.inputs and _identity(path) in self.inputs:
-                raise OutputError(f"{path} is an input and is not replaced", _ADVICE)
-            if not self.overwrite and self._is_foreign(path):
-                told = f"{path} exists and does not state that depthcli wrote it"
-                raise OutputError(told, f"{_ADVICE}, or replace it with {{overwrite}}")
-
-    def _is_foreign(self, path: Path) -> bool:
-        is_remote = isinstance(path, RemotePath)
-        try:
-            if (not is_remote and not path.stat().st_size) or is_own(path):
-                return False
-            return not is_remote or path.exists()  # a name may have told without a request
-        except FileNotFoundError:
-            return False
-        except PermissionError:
-            # Without the right to list, S3 answers 403 for missing objects.
-            return not is_remote and os.path.isfile(path)  # noqa: PTH113 - never raises
-        except (OSError, ValueError) as error:
-            if not is_remote:
-                return False  # a folder or an impossible name: writing it tells why
-            raise OutputError(f"cannot write {path}: {error}") from error
+        """Check that outputs may be written to paths; OutputError if not."""
 
 
-def _identity(path: Path) -> _Identity:
+def identity_of(path: Path) -> FileIdentity:
     """Identity of a file, whatever its names and the links that lead to it."""
     if isinstance(path, RemotePath):
         return str(path)
@@ -74,7 +38,7 @@ def _identity(path: Path) -> _Identity:
 
 
 @contextmanager
-def atomic_path(path: Path, *, guard: Guard | None = None) -> Iterator[Path]:
+def atomic_path(path: Path, *, guard: OutputRule | None = None) -> Iterator[Path]:
     """A path of the same suffix in the same folder that takes ``path``'s place after the block.
 
     Missing folders are created; without a guard, any file is replaced.
@@ -86,8 +50,8 @@ def atomic_path(path: Path, *, guard: Guard | None = None) -> Iterator[Path]:
     if guard is not None:
         guard.check(path)
     if is_special(path):
-        raise OutputError(f"{path} is no file and is not replaced", _ADVICE)
-    with os_errors_as(OutputError, f"cannot write {path}", _ADVICE):
+        raise OutputError(f"{path} is no file and is not replaced", OUT_ADVICE)
+    with os_errors_as(OutputError, f"cannot write {path}", OUT_ADVICE):
         if isinstance(path, RemotePath):
             with uploaded(path) as temporary:
                 yield temporary
@@ -122,7 +86,7 @@ def append_whole(file: FileIO, data: bytes) -> int:
 
 def is_same_file(path: Path, source: Path) -> bool:
     """Whether an output path is an existing file, even through folders that do not exist yet."""
-    return _identity(path) == _identity(source)
+    return identity_of(path) == identity_of(source)
 
 
 _OPEN_STREAM = re.compile(r"/dev/(stdin|stdout|stderr|fd/\d+)|/proc/(self|\d+)/fd/\d+")

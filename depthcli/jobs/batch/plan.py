@@ -9,9 +9,11 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.options import short_repr
 from depthcli.errors import InputError, UsageError
 from depthcli.io.formats.table import Format
+from depthcli.io.guard import is_own_output
 from depthcli.io.listing import folder as listing
 from depthcli.io.listing.path_list import listed_inputs
 from depthcli.io.manifest import WHOLE, Shard
+from depthcli.io.media import ARCHIVE_SUFFIXES, is_archive, is_video
 from depthcli.io.storage import paths
 from depthcli.io.tables import read_lenses
 from depthcli.jobs.output_names import OutputNames, sharing_stem, stem
@@ -59,7 +61,7 @@ class BatchPlan:
 
 def holds_many(name: str) -> bool:
     """Whether a name is a video's, or that of an archive of images."""
-    return listing.is_video(name) or listing.is_archive(name)
+    return is_video(name) or is_archive(name)
 
 
 class CameraTable:
@@ -107,7 +109,7 @@ def read_cameras(source: str) -> CameraTable:
 
 _OUTPUT_SUFFIXES = (
     *(format_.facts.suffix for format_ in (*Format, *VideoFormat)),
-    *(f".depth{suffix}" for suffix in listing.ARCHIVE_SUFFIXES),
+    *(f".depth{suffix}" for suffix in ARCHIVE_SUFFIXES),
 )
 
 
@@ -165,7 +167,7 @@ class InputCollector:
             like_outputs=frozenset(like_outputs),
             shard=self.shard,
             intrinsics=intrinsics,
-            same_stem=sharing_stem(name for name in names.longer if not listing.is_video(name)),
+            same_stem=sharing_stem(name for name in names.longer if not is_video(name)),
             is_part=is_list or bool(self.names_filter.include or self.names_filter.exclude),
             camera_warnings=tuple(cameras.warnings(count, unmatched)) if cameras else (),
         )
@@ -221,8 +223,8 @@ def plan_folder(
     if media and media[0].name == ".":
         raise UsageError(f"{media[0].problem}")
     for file in tree.skipped:
-        is_archive = file.reason in listing.ARCHIVE_SUFFIXES
-        if tree.media or not is_archive or listing.is_own_output(file.name):
+        is_archive = file.reason in ARCHIVE_SUFFIXES
+        if tree.media or not is_archive or is_own_output(file.name):
             collector.skip(file)
         else:  # a data set in archives alone
             media.append(listing.InputFile(file.name, paths.join(root, file.name)))
@@ -248,7 +250,7 @@ def plan_files(
 
     def images() -> Iterator[listing.InputFile]:
         for file in listed_inputs(words, root):
-            if file.problem is None and listing.is_own_output(file.path):
+            if file.problem is None and is_own_output(file.path):
                 collector.skip(listing.Skipped(file.name, listing.OWN))
             else:
                 yield file

@@ -17,9 +17,11 @@ from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io import manifest
 from depthcli.io.depth.anchors import read_known_depth
 from depthcli.io.formats.table import Format
-from depthcli.io.listing.folder import InputFile, RealPaths, is_archive, is_video
+from depthcli.io.guard import Guard
+from depthcli.io.listing.folder import InputFile, RealPaths
 from depthcli.io.manifest import Rows
-from depthcli.io.storage.atomic import Guard, is_same_file
+from depthcli.io.media import is_archive, is_video
+from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.objects import masked
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.plan import BatchPlan

@@ -17,7 +17,8 @@ from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.sidecar import remove_video_sidecar
-from depthcli.io.storage.atomic import Guard, atomic_path
+from depthcli.io.guard import Guard
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.jobs.image import ImageJob
 from depthcli.jobs.video.frames import (
     FrameClock,

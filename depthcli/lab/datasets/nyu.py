@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 
 from depthcli.core.arrays import AnyArray, Float32Array, UInt8Array
-from depthcli.core.options import short_repr
+from depthcli.core.options import MILLIMETRES, short_repr
 from depthcli.errors import DatasetError
 from depthcli.io.depth.read import AS_STATED, DepthReadOptions
-from depthcli.io.formats.options import MILLIMETRES
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.tables import CsvTable
 from depthcli.lab.datasets import folders

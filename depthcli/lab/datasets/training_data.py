@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from depthcli.core.options import MILLIMETRES
 from depthcli.errors import DatasetError, Message
 from depthcli.io.depth.read import AS_STATED, DepthReadOptions
-from depthcli.io.formats.options import MILLIMETRES
 from depthcli.lab.datasets import folders, layouts, nyu
 from depthcli.lab.datasets.base import PAPER_TRAIN_COUNT, DepthDataset, opener_of
 

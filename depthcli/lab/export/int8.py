@@ -16,7 +16,8 @@ from depthcli.errors import UsageError
 from depthcli.inference.providers import ort
 from depthcli.inference.transforms import prepare
 from depthcli.io.images.read import read_image
-from depthcli.io.listing.folder import is_video, list_folder
+from depthcli.io.listing.folder import list_folder
+from depthcli.io.media import is_video
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.lab.datasets.folders import sample_positions
 from depthcli.lab.export.graph import INPUT, OUTPUT, prompts_for

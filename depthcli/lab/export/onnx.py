@@ -12,7 +12,8 @@ from onnx import helper
 
 from depthcli.core.types import DepthKind
 from depthcli.errors import ModelError, UsageError
-from depthcli.io.storage.atomic import Guard, atomic_path
+from depthcli.io.guard import Guard
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.lab.datasets import base as datasets
 from depthcli.lab.export import graph, int8
 from depthcli.lab.metrics.pixels import MIN_DEPTH_M

@@ -5,12 +5,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from depthcli.core.options import AnchorsFit, UpsamplingOptions
+from depthcli.core.options import MILLIMETRES, AnchorsFit, UpsamplingOptions
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import AS_STATED, DepthReadOptions
-from depthcli.io.formats.options import MILLIMETRES
 from depthcli.io.storage.atomic import atomic_path, is_special, write_text
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.lab.datasets.base import NYU, SplitName

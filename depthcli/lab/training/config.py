@@ -7,11 +7,10 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Annotated, Literal, TypeAlias, TypeVar
 
-from depthcli.core.options import Rule
+from depthcli.core.options import MILLIMETRES, Rule
 from depthcli.core.types import DepthCodec
 from depthcli.core.validation import FieldError, merged
 from depthcli.errors import UsageError
-from depthcli.io.formats.options import MILLIMETRES
 from depthcli.lab.metrics.depth import METRICS
 
 T = TypeVar("T")
