@@ -20,8 +20,8 @@ import OpenEXR
 from tools import ROOM, alternate, parse_options
 
 import depthcli
-from depthcli.io.depth.metadata import metadata_texts, quantized
 from depthcli.io.images import png
+from depthcli.io.stored.metadata import metadata_texts, quantized
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

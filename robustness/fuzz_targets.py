@@ -34,7 +34,7 @@ from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.calibration import read_calibration
 from depthcli.io.depth.anchors import AnchorFiles
-from depthcli.io.depth.read import DepthReadOptions, read_metadata, read_stored_depth
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.file import read_exr_rate, write_exr
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.png16 import Png16Writer
@@ -44,6 +44,7 @@ from depthcli.io.images.png import encode_png
 from depthcli.io.images.read import read_image
 from depthcli.io.images.tiff import parse_exif
 from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list
+from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.io.tables import read_lenses
 from depthcli.jobs.video.resume import FrameJournal
 from depthcli.lab.datasets.folders import read_image_rgb, read_truth

@@ -107,6 +107,29 @@ def test_imports_have_no_cycle() -> None:
     TopologicalSorter(needs).prepare()  # it raises the circle that it finds
 
 
+BY_STRING = {
+    "cli/table.py": "the table of commands",
+    "io/formats/table.py": "the table of formats",
+    "__init__.py": "the table of public names",
+    "lab/datasets/base.py": "the table of data sets",
+    "lab/training/methods/registry.py": "the table of methods",
+    "lab/training/plugins.py": "modules of the user",
+    "lab/training/loggers.py": "packages of others, one for each tracker",
+    "jobs/doctor.py": "packages of others, which are checked",
+}
+"""Files that import what a string names, and why; a contract cannot see these imports."""
+
+
+def test_only_tables_import_by_string() -> None:
+    call = re.compile(r"\b(resolve_name|import_module|__import__)\(")
+    files = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        if call.search(path.read_text("utf-8"))
+    }
+    assert files == set(BY_STRING)
+
+
 @pytest.mark.parametrize("name", depthcli.__all__)
 def test_every_public_name_resolves(name: str) -> None:
     assert getattr(depthcli, name) is not None

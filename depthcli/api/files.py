@@ -12,8 +12,9 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, Eye, ReadOptions, chosen
 from depthcli.core.types import Frame
 from depthcli.errors import InputError
-from depthcli.io.depth import read as depth_files
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.storage.paths import path_of
+from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.video import depth_video as depth_videos
 from depthcli.video import source as video_frames
 from depthcli.video.container import InputPipe
@@ -92,7 +93,7 @@ def read_depth(
             or disparity without a camera.
         UsageError: there is no such kind, or the camera is not valid.
     """
-    options = depth_files.DepthReadOptions(
+    options = DepthReadOptions(
         png_scale,
         None if kind is None else chosen(DepthEncoding, kind, "kind"),
         camera=Intrinsics.given(focal_px, hfov_deg, centre_px),
@@ -103,7 +104,7 @@ def read_depth(
     path = path_of(path)
     if path.suffix.lower() == ".mkv":
         raise InputError(f"{path} is a video; depthcli.DepthVideo reads the maps in it")
-    stored = depth_files.read_stored_depth(path, options)
+    stored = read_stored_depth(path, options)
     warn_all(stored.warnings_with_scale("png_scale"))
     return _with_nan(stored.displayed)
 

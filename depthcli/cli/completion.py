@@ -1,7 +1,6 @@
 """Shell completion of the values of options and arguments, except file names."""
 
 from collections.abc import Callable, Iterable
-from importlib import import_module
 
 # Importing onnxruntime is slow; a test compares these names with it.
 _ACCELERATED = ("cuda", "tensorrt", "rocm", "migraphx", "directml", "coreml", "openvino")
@@ -22,17 +21,20 @@ def offered(words: Iterable[str]) -> Callable[[str], list[str]]:
     return complete
 
 
-def _names_in(module: str, name: str) -> Callable[[str], list[str]]:
-    """A completion by what a function of a module returns, which is imported when needed."""
+def cards(incomplete: str) -> list[str]:
+    """Names of ready cards."""
+    from depthcli.models.catalog import ready_names
 
-    def complete(incomplete: str) -> list[str]:
-        return starting_with(getattr(import_module(f"depthcli.{module}"), name)(), incomplete)
-
-    return complete
+    return starting_with(ready_names(), incomplete)
 
 
-cards = _names_in("models.catalog", "ready_names")
-profiles = _names_in("cli.profiles", "profile_names")
+def profiles(incomplete: str) -> list[str]:
+    """Names for ``--profile``."""
+    from depthcli.cli.profiles import profile_names
+
+    return starting_with(profile_names(), incomplete)
+
+
 providers = offered(PROVIDERS)
 
 

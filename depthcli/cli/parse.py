@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from depthcli.io.depth.anchors import AnchorFiles
-    from depthcli.io.depth.read import DepthReadOptions
+    from depthcli.io.stored.depth import DepthReadOptions
 
 ALTERNATIVES = (
     ("calibration", "cameras", "focal_px", "hfov"),
@@ -134,7 +134,7 @@ def reading(options: groups.ReadOptions, eye: choices.Eye | None = None) -> Read
 
 def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> DepthReadOptions:
     """Statements of the user about a depth file; UsageError if a baseline without disparity."""
-    from depthcli.io.depth.read import DepthReadOptions
+    from depthcli.io.stored.depth import DepthReadOptions
 
     kind, baseline_m, layer = options.from_kind, options.baseline, options.from_layer
     if baseline_m is not None and kind is not choices.DepthEncoding.DISPARITY:

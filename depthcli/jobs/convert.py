@@ -17,9 +17,7 @@ from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics, focal
 from depthcli.core.options import AS_STATED, MAX_PIXELS, MILLIMETRES, DepthEncoding, ReadOptions
 from depthcli.core.temporal import RangeLock, ema_decay
 from depthcli.errors import DepthcliError, InputError, Message, UsageError
-from depthcli.io.depth import read as depth_files
-from depthcli.io.depth.metadata import NORMALIZED
-from depthcli.io.depth.read import StoredDepth, stated_range
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats import table
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import percentiles
@@ -28,6 +26,8 @@ from depthcli.io.images.read import read_image
 from depthcli.io.listing import folder as folders
 from depthcli.io.listing.folder import InputFile, NameFilter, Skipped
 from depthcli.io.storage import atomic, paths
+from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, stated_range
+from depthcli.io.stored.metadata import NORMALIZED
 from depthcli.jobs import inspect, output_names, outputs
 from depthcli.jobs.image import FailedInput, failure_reason
 from depthcli.jobs.video.plan import LOCK_S
@@ -56,7 +56,7 @@ class ConvertRequest:
     target: str
     format: table.Format | None = None  #: of the target; None to take it from the suffix
     #: what the user states about the source
-    stated: depth_files.DepthReadOptions = depth_files.AS_STATED
+    stated: DepthReadOptions = field(default_factory=DepthReadOptions)
     camera: Intrinsics = UNKNOWN_CAMERA  #: in place of that of the source; depth is not changed
     reading: ReadOptions = AS_STATED  #: how the picture is read
     picture: str | None = None  #: for the colours of a point cloud, or beside a preview
@@ -129,8 +129,8 @@ def _write_converted(
         )
         round_trip = None
         if format_.facts.is_readable:
-            kind = depth_files.DepthReadOptions(kind=DepthEncoding(depth.kind))
-            round_trip = RoundTrip.of(depth, depth_files.read_stored_depth(temporary, kind).depth)
+            kind = DepthReadOptions(kind=DepthEncoding(depth.kind))
+            round_trip = RoundTrip.of(depth, read_stored_depth(temporary, kind).depth)
     of_picture = image.warnings if image else ()
     warnings = (*stored.warnings_with_scale("from_scale"), *of_picture, *warnings)
     return ConvertResult(
@@ -357,7 +357,7 @@ def _rate_of_times(images: Sequence[numbering.NumberedImage]) -> Fraction | None
     """The frame rate by the times that the first and the last of numbered files state."""
     first, last = images[0], images[-1]
     try:
-        ends = [float(depth_files.read_metadata(path)["time_s"]) for _, path in (first, last)]
+        ends = [float(read_metadata(path)["time_s"]) for _, path in (first, last)]
         return exact_rate((last.number - first.number) / (ends[1] - ends[0]))
     except (InputError, KeyError, ZeroDivisionError):  # reading its pixels reports errors
         return None

@@ -22,11 +22,11 @@ from depthcli.core.types import (
 from depthcli.errors import DepthcliError, OutputError, about, is_out_of_memory, os_errors_as
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, Prediction
-from depthcli.io.depth.metadata import anchor_fields, origin_fields
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.table import FORMATS, Format, writer_of
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.temporary import temporary_folder
+from depthcli.io.stored.metadata import anchor_fields, origin_fields
 
 Target: TypeAlias = Path | BinaryIO
 """Where an output goes: a file, which a guard has checked, or a stream."""

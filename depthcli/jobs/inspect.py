@@ -11,9 +11,10 @@ import numpy as np
 from depthcli.core.arrays import BoolArray
 from depthcli.core.types import DepthMap, DepthRange
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.read import AS_STATED, DepthReadOptions, StoredDepth, read_stored_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.images.read import read_image
 from depthcli.io.storage.paths import local_copy, path_of, safe_name
+from depthcli.io.stored.depth import AS_STATED, DepthReadOptions, StoredDepth
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import FALLBACK_RATE, rate_text, time_code_text
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap, Frame, Window, Windows
 from depthcli.errors import InputError
-from depthcli.io.depth import metadata, read
 from depthcli.io.marks import LABEL_PREFIX
+from depthcli.io.stored import metadata
+from depthcli.io.stored.depth import StoredDepth
 from depthcli.video import frames
 from depthcli.video.container import open_video
 from depthcli.video.formats import DEPTH_PIXELS
@@ -93,7 +94,7 @@ class DepthVideo:
         """
         return (stored.depth for stored in self.frames())
 
-    def frames(self, name: str | None = None) -> Iterator[read.StoredDepth]:
+    def frames(self, name: str | None = None) -> Iterator[StoredDepth]:
         """Its maps; the ``Frame`` of each has its number, time, rate and time code.
 
         Numbers are those of ``depthcli video``, if it wrote the file; else they count from 0.
@@ -133,7 +134,7 @@ class DepthVideo:
                 if code and rate
                 else None,
             )
-            yield read.StoredDepth(
+            yield StoredDepth(
                 name or str(self.path),
                 depth,
                 self.labels,

@@ -20,7 +20,6 @@ from depthcli._version import __version__
 from depthcli.core.arrays import UInt8Array, UInt16Array
 from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
 from depthcli.errors import OutputError, about
-from depthcli.io.depth.metadata import UINT16_MAX, metadata_texts, normalized, quantized, step_unit
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.stereo import StereoWriter
@@ -28,6 +27,7 @@ from depthcli.io.formats.table import Format, writer_of
 from depthcli.io.guard import Guard
 from depthcli.io.marks import COMMENT_PREFIX, LABEL_PREFIX
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.stored.metadata import UINT16_MAX, metadata_texts, normalized, quantized, step_unit
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import OutputPipe
 from depthcli.video.decoder import state_number

@@ -19,10 +19,11 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from depthcli.errors import DatasetError, InputError
-from depthcli.io.depth.read import AS_STATED, read_stored_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.guard import is_own_image
 from depthcli.io.images.opencv import IMAGE_SUFFIXES, can_round_trip
 from depthcli.io.images.read import read_image
+from depthcli.io.stored.depth import AS_STATED
 from depthcli.lab.datasets.folders import read_image_rgb, read_truth
 from robustness.fuzz import OF_LIBRARIES, file_of, problem
 from robustness.fuzz_targets import TARGETS

@@ -11,10 +11,11 @@ from helpers.plates import depth_channel
 
 from depthcli.core.options import ReadOptions
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr.file import choose_depth, colour_channels, read_exr_channels
 from depthcli.io.exr.image import primaries_matrix, read_exr_image
 from depthcli.io.images.read import read_image
+from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.video.source import open_frames
 

@@ -18,8 +18,7 @@ from PIL import Image
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, OutputError
-from depthcli.io.depth.metadata import DepthScale
-from depthcli.io.depth.read import DepthReadOptions, read_stored_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.options import WriterOptions
@@ -34,6 +33,8 @@ from depthcli.io.formats.table import (
     writer_of,
 )
 from depthcli.io.guard import is_own
+from depthcli.io.stored.depth import DepthReadOptions
+from depthcli.io.stored.metadata import DepthScale
 
 
 @pytest.mark.parametrize(

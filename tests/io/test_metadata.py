@@ -17,14 +17,15 @@ from depthcli.core.camera import CameraSource, Intrinsics
 from depthcli.core.options import AnchorsFit, DepthEncoding
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance, with_camera
 from depthcli.errors import InputError, OutputError
-from depthcli.io.depth.metadata import DepthScale
-from depthcli.io.depth.read import DepthReadOptions, StoredDepth, read_metadata, read_stored_depth
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.geometry import PlyWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import FORMATS, Format, writer_class
+from depthcli.io.stored.depth import DepthReadOptions, StoredDepth
+from depthcli.io.stored.metadata import DepthScale
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.predict_images import PredictResult
 

@@ -16,7 +16,6 @@ from PIL import Image
 from depthcli.core.camera import CameraSource
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
-from depthcli.io.depth.metadata import denormalized, dequantized, normalized, quantized
 from depthcli.io.exr.file import read_exr_channels, silenced, write_exr
 from depthcli.io.exr.image import read_exr_image
 from depthcli.io.formats.options import WriterOptions
@@ -24,6 +23,7 @@ from depthcli.io.formats.png16 import stretched
 from depthcli.io.formats.preview import PreviewWriter, nearness
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.images.read import frame_of
+from depthcli.io.stored.metadata import denormalized, dequantized, normalized, quantized
 
 F32 = np.float32
 DEPTHS = st.one_of(

@@ -32,12 +32,12 @@ import depthcli
 from depthcli.core.camera import Anchor, Intrinsics, focal_px_of_hfov
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.metadata import camera_text
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest import OK
+from depthcli.io.stored.metadata import camera_text
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions

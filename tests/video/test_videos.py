@@ -29,9 +29,9 @@ from depthcli import __version__
 from depthcli.core.imageops import value_channel
 from depthcli.core.types import DepthKind
 from depthcli.errors import InputError, OutputError, UsageError
-from depthcli.io.depth.metadata import normalized
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.guard import is_own
+from depthcli.io.stored.metadata import normalized
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import PreviewCodec
 from depthcli.video.frames import Point, Span, Timing, exact_rate, rate_text

@@ -121,8 +121,9 @@ COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": _DEPTH}  #: of a table
 def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
     """The points of a CSV table, a cloud, or a sparse depth map of a stated scale and kind."""
     from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
-    from depthcli.io.depth.read import DepthReadOptions, read_stored_depth  # noqa: PLC0415
+    from depthcli.io.depth.read import read_stored_depth  # noqa: PLC0415
     from depthcli.io.formats.raster import COLMAP_MAP  # noqa: PLC0415
+    from depthcli.io.stored.depth import DepthReadOptions  # noqa: PLC0415
 
     suffix = path.suffix.lower()
     if suffix == ".csv" and (stated.scale or stated.kind):
@@ -169,7 +170,7 @@ def _of_cloud(path: Path, stated: AnchorFiles) -> AnchorPoints:
 def _own_depth(image: Path, camera: Intrinsics) -> AnchorPoints:
     from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
     from depthcli.io.depth.embedded import read_embedded_depth  # noqa: PLC0415
-    from depthcli.io.depth.read import DepthReadOptions  # noqa: PLC0415
+    from depthcli.io.stored.depth import DepthReadOptions  # noqa: PLC0415
 
     found = read_embedded_depth(image, DepthReadOptions(camera=camera))
     if found is None or not found.depth.is_metric:

@@ -16,14 +16,14 @@ import numpy as np
 from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import DepthEncoding
 from depthcli.errors import InputError
-from depthcli.io.depth.read import DepthReadOptions, StoredDepth
-from depthcli.io.formats.sidecar import FileMetadata
 from depthcli.io.images import heif
 from depthcli.io.images.jpeg import JPEG_START, exif_of_jpeg, segments
 from depthcli.io.images.pixels import upright
 from depthcli.io.images.read import decode, reader_errors
 from depthcli.io.images.tiff import parse_exif
 from depthcli.io.storage.paths import read_bytes
+from depthcli.io.stored.depth import DepthReadOptions, StoredDepth
+from depthcli.io.stored.sidecar import FileMetadata
 
 _XMP, _MORE_XMP = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _MORE_HEAD_BYTES = len(_MORE_XMP) + 32 + 4  # and a digest and the length of all, before its place

@@ -12,11 +12,11 @@ from depthcli.core.options import one_line
 from depthcli.core.surface import surface_of
 from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows, over_window
 from depthcli.errors import InputError
-from depthcli.io.depth.metadata import metadata_texts, own_metadata, own_texts
-from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stored_depth
 from depthcli.io.exr import file as exr_file
 from depthcli.io.formats.geometry import camera_of
 from depthcli.io.formats.options import WriterOptions
+from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, stored_depth
+from depthcli.io.stored.metadata import metadata_texts, own_metadata, own_texts
 
 _OPENGL = np.array([1, -1, -1], np.float32)
 _COLOURS = ("G", "B", "RY", "BY")

@@ -15,9 +15,9 @@ import numpy as np
 from depthcli.core.arrays import UInt16Array
 from depthcli.core.surface import Surface
 from depthcli.core.types import DepthMap, Frame
-from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.io.formats.geometry import SurfaceWriter, camera_of
 from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.stored.metadata import SOFTWARE
 
 _HERE = Path(__file__).parent
 _STEPS = 2**16 - 2

@@ -11,10 +11,10 @@ import numpy as np
 from depthcli.core.arrays import AnyArray
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, Message
-from depthcli.io.depth.metadata import metadata_texts
-from depthcli.io.depth.read import METRIC, DepthReadOptions, StoredDepth, stored_depth
 from depthcli.io.images.read import OPENCV_MAX_PIXELS
 from depthcli.io.storage.paths import read_bytes
+from depthcli.io.stored.depth import METRIC, DepthReadOptions, StoredDepth, stored_depth
+from depthcli.io.stored.metadata import metadata_texts
 
 _DIMENSIONS = 2
 _NAMES = ("depth", "depths", "depth_m", "metric_depth", "depth_map", "pred", "prediction", "arr_0")

@@ -12,14 +12,14 @@ from depthcli.core.imageops import row_bands
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, OutputError
-from depthcli.io.depth import metadata as facts
-from depthcli.io.depth.read import DepthReadOptions, StoredDepth, reciprocal, stored_depth
 from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.sidecar import with_sidecar
 from depthcli.io.images.png import SIGNATURE, encode_png, read_text
 from depthcli.io.images.read import OPENCV_MAX_PIXELS, check, decode
 from depthcli.io.marks import KEY_PREFIX
 from depthcli.io.storage.paths import read_bytes
+from depthcli.io.stored import metadata as facts
+from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, reciprocal, stored_depth
+from depthcli.io.stored.sidecar import with_sidecar
 
 _GRAY_RANK = 2
 _PGM_TEXT = re.compile(rb"^# (%s\w+) (.*)$" % KEY_PREFIX.encode(), re.MULTILINE)

@@ -10,10 +10,10 @@ import numpy.typing as npt
 from depthcli.core.arrays import Float32Array, Float64Array, UInt8Array
 from depthcli.core.options import Colormap, Near
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.images.png import encode_png
 from depthcli.io.marks import SOFTWARE_KEY
+from depthcli.io.stored.metadata import SOFTWARE
 
 _OPENCV = {
     Colormap.INFERNO: cv2.COLORMAP_INFERNO,

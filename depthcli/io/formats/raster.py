@@ -10,9 +10,9 @@ import numpy as np
 from depthcli.core.arrays import AnyArray
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, Message
-from depthcli.io.depth.read import DepthReadOptions, StoredDepth, stored_depth
 from depthcli.io.images.read import OPENCV_MAX_PIXELS, check
 from depthcli.io.storage.paths import read_bytes
+from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, stored_depth
 
 _PFM = re.compile(rb"(P[Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]+)\s")
 COLMAP_MAP = re.compile(rb"(\d{1,9})&(\d{1,9})&(\d{1,9})&")

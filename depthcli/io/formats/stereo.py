@@ -9,12 +9,12 @@ from depthcli.core.arrays import Float32Array, FloatArray, Int64Array, UInt8Arra
 from depthcli.core.options import StereoLayout
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import Message, OutputError
-from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.io.formats.geometry import camera_of
 from depthcli.io.formats.options import EYE_DISTANCE_M, WriterOptions
 from depthcli.io.formats.preview import nearness, percentiles
 from depthcli.io.images.png import encode_png
 from depthcli.io.marks import SOFTWARE_KEY
+from depthcli.io.stored.metadata import SOFTWARE
 
 _SHARE = 0.03  # of the width: disparity between near and far, where there are no metres
 _EDGE_SHARE = 1 / 128  # of the width: as wide is a smeared edge of depth

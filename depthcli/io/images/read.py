@@ -10,8 +10,8 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import cv2
@@ -31,6 +31,8 @@ from depthcli.core.options import (
 )
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, Message, UsageError, is_out_of_memory
+from depthcli.io.exr.image import clip_warning, encode, read_exr_image
+from depthcli.io.images import heif, jpeg, opencv, openimageio, png, tiff
 from depthcli.io.images.opencv import Decoded, Header
 from depthcli.io.images.pixels import (
     as_frame_dtype,
@@ -59,7 +61,7 @@ _GPANO = re.compile(rb"GPano:(\w+)\W{1,4}(\w+)")
 
 
 class _Container(NamedTuple):
-    """A kind of image files, whose functions are imported when they are called.
+    """A kind of image files, with a module of functions.
 
     They are called ``is_KIND``, ``KIND_header`` and ``decode_KIND``, and raise InputError, without
     the name of the file, and what the decoder raises about damaged ones. ``decode_KIND`` returns
@@ -69,26 +71,25 @@ class _Container(NamedTuple):
     """
 
     kind: str
-    module: str  #: of this folder
+    module: ModuleType
     starts: tuple[bytes, ...] = ()  #: of its files; none for one that ``is_KIND`` recognizes
 
     def call(self, function: str, data: bytes) -> Any:  # noqa: ANN401 - as the function returns it
         """Whether a file is of this kind, its ``Header``, or what it is ``Decoded`` to."""
-        module = import_module(f"depthcli.io.images.{self.module}")
-        return getattr(module, function.format(self.kind))(data)
+        return getattr(self.module, function.format(self.kind))(data)
 
 
 _CONTAINERS = (
-    _Container("jpeg", "jpeg", (b"\xff\xd8",)),
-    _Container("png", "png", (SIGNATURE,)),
-    _Container("tiff", "tiff", TIFF_STARTS),
-    _Container("webp", "opencv"),
-    _Container("gif", "opencv", (b"GIF87a", b"GIF89a")),
-    _Container("bmp", "opencv", (b"BM",)),
-    _Container("netpbm", "opencv"),
-    _Container("heif", "heif"),
-    _Container("avif", "heif"),
-    _Container("openimageio", "openimageio"),
+    _Container("jpeg", jpeg, (b"\xff\xd8",)),
+    _Container("png", png, (SIGNATURE,)),
+    _Container("tiff", tiff, TIFF_STARTS),
+    _Container("webp", opencv),
+    _Container("gif", opencv, (b"GIF87a", b"GIF89a")),
+    _Container("bmp", opencv, (b"BM",)),
+    _Container("netpbm", opencv),
+    _Container("heif", heif),
+    _Container("avif", heif),
+    _Container("openimageio", openimageio),
 )
 
 
@@ -211,14 +212,9 @@ def read_image(
             raise InputError("neither a file nor data was given")
         data = read_bytes(path)
     if eye is not None:
-        from depthcli.io.images.jpeg import image_of_eye  # noqa: PLC0415 - rare
-
         with reader_errors(name):
-            data = image_of_eye(data, eye)
+            data = jpeg.image_of_eye(data, eye)
     if data.startswith(EXR_MAGIC):
-        # Other images need not wait for it.
-        from depthcli.io.exr.image import read_exr_image  # noqa: PLC0415
-
         if EXR_MARK in data[:4096]:
             raise InputError(f"{name} was written by depthcli", "'depthcli convert' reads it")
         options = ReadOptions(exposure=exposure, layer=layer, projection=projection)
@@ -298,8 +294,6 @@ def _frame_pixels(
     """Pixels of a frame, not turned yet, and warnings about them."""
     header, pixels = image.header, decoded.pixels
     if decoded.is_linear:
-        from depthcli.io.exr.image import clip_warning, encode  # noqa: PLC0415 - rare
-
         light = pixels.reshape(*pixels.shape[:2], -1)
         above = encode(light, exposure)
         return light.reshape(pixels.shape), (clip_warning(above / light[..., 0].size),)

@@ -21,12 +21,12 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.inference.trial import check_network
-from depthcli.io.depth.metadata import camera_text
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest import AnchorEntry, CacheKey, output_entry
 from depthcli.io.media import is_archive
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import local_copy, path_of, read_bytes
+from depthcli.io.stored.metadata import camera_text
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask, failure_reason
 from depthcli.video.formats import SEQUENCES, VideoFormat

@@ -15,9 +15,9 @@ from depthcli.core.anchors import AnchorPoints
 from depthcli.core.arrays import Float32Array
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, Message, about
-from depthcli.io.depth.metadata import dequantized, quantized
 from depthcli.io.formats.preview import percentiles
 from depthcli.io.images.read import undistorted
+from depthcli.io.stored.metadata import dequantized, quantized
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
 from depthcli.jobs.video.known_depth import FrameAnchors
 from depthcli.jobs.video.plan import VideoSettings

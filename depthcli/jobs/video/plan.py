@@ -183,7 +183,7 @@ class VideoResult:
 
     def metadata(self) -> dict[str, object]:
         """The fields of JSON and sidecar that are the same for every run."""
-        from depthcli.io.depth.metadata import anchor_fields, origin_fields  # noqa: PLC0415 - is loaded by now
+        from depthcli.io.stored.metadata import anchor_fields, origin_fields  # noqa: PLC0415 - is loaded by now
 
         depth = self.depth
         time_code, settings = self.first.time_code, self.plan.settings
@@ -224,7 +224,7 @@ class VideoResult:
 
         With ``has_times``, it also states the time of each frame by its number, for numbered files.
         """
-        from depthcli.io.depth.metadata import SOFTWARE  # noqa: PLC0415 - is loaded by now
+        from depthcli.io.stored.metadata import SOFTWARE  # noqa: PLC0415 - is loaded by now
 
         metadata = {"software": SOFTWARE, **self.metadata()}
         if has_times:

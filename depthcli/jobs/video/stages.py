@@ -16,9 +16,9 @@ from depthcli.errors import InputError, Message, about
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.sidecar import remove_video_sidecar
 from depthcli.io.guard import Guard
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.stored.sidecar import remove_video_sidecar
 from depthcli.jobs.image import ImageJob
 from depthcli.jobs.video.frames import (
     FrameClock,

@@ -17,7 +17,7 @@ from depthcli.lab.datasets.base import SplitName
 from depthcli.lab.options import Alignment, Averaging, Crop, Mask, Part, Weights
 
 if TYPE_CHECKING:
-    from depthcli.io.depth.read import DepthReadOptions
+    from depthcli.io.stored.depth import DepthReadOptions
     from depthcli.lab.evaluation.evaluate import EvalOptions
     from depthcli.lab.evaluation.protocol import EvalProtocol
     from depthcli.lab.jobs.evaluate import EvalRequest, EvalResult, ReportFiles
@@ -239,7 +239,7 @@ def pairs(
 
     Metric models are rescaled to the focal length of each image, where it is known.
     """
-    from depthcli.io.depth.read import DepthReadOptions
+    from depthcli.io.stored.depth import DepthReadOptions
     from depthcli.lab.evaluation.protocol import EvalProtocol
 
     if min_depth >= max_depth:
@@ -353,7 +353,7 @@ def _request(
 
 
 def _reading(models: ModelOptions) -> "DepthReadOptions":
-    from depthcli.io.depth.read import DepthReadOptions
+    from depthcli.io.stored.depth import DepthReadOptions
 
     is_disparity = models.predictions_kind is choices.DepthEncoding.DISPARITY
     if is_disparity and models.baseline is None:

@@ -18,17 +18,12 @@ from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import Frame
 from depthcli.errors import DatasetError, InputError, Message
-from depthcli.io.depth.metadata import UINT16_MAX, positive_number, step_unit
-from depthcli.io.depth.read import (
-    AS_STATED,
-    DepthReadOptions,
-    StoredDepth,
-    read_metadata,
-    read_stored_depth,
-)
+from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.images import read
 from depthcli.io.images.png import SIGNATURE
 from depthcli.io.storage.paths import read_bytes
+from depthcli.io.stored.depth import AS_STATED, DepthReadOptions, StoredDepth
+from depthcli.io.stored.metadata import UINT16_MAX, positive_number, step_unit
 from depthcli.io.tables import read_lenses
 from depthcli.lab.datasets import layouts
 from depthcli.lab.datasets.base import DepthDataset, Pair

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 from depthcli.core.options import MILLIMETRES
 from depthcli.errors import DatasetError, Message
-from depthcli.io.depth.read import AS_STATED, DepthReadOptions
+from depthcli.io.stored.depth import AS_STATED, DepthReadOptions
 from depthcli.lab.datasets import folders, layouts, nyu
 from depthcli.lab.datasets.base import PAPER_TRAIN_COUNT, DepthDataset, opener_of
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from html import escape
 
 from depthcli.core.options import one_line
-from depthcli.io.depth.metadata import SOFTWARE
+from depthcli.io.stored.metadata import SOFTWARE
 from depthcli.lab.evaluation.figures import Figure
 from depthcli.lab.evaluation.report import (
     Breakdown,

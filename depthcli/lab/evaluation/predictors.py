@@ -20,8 +20,9 @@ from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import DatasetError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import NETWORK_FROM, Pipeline
-from depthcli.io.depth.read import AS_STATED, DepthReadOptions, StoredDepth, read_stored_depth
+from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import READABLE
+from depthcli.io.stored.depth import AS_STATED, DepthReadOptions, StoredDepth
 from depthcli.lab.datasets.base import DepthDataset, Pair
 from depthcli.lab.datasets.folders import as_dataset_error
 from depthcli.lab.datasets.layouts import list_files

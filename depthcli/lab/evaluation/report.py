@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from depthcli.io.depth.metadata import SOFTWARE
+from depthcli.io.stored.metadata import SOFTWARE
 from depthcli.lab.datasets.base import ALL_PAIRS, HELD_OUT, SplitName
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores

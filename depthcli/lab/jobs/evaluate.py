@@ -9,9 +9,9 @@ from depthcli.core.options import MILLIMETRES, AnchorsFit, UpsamplingOptions
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.read import AS_STATED, DepthReadOptions
 from depthcli.io.storage.atomic import atomic_path, is_special, write_text
 from depthcli.io.storage.temporary import temporary_folder
+from depthcli.io.stored.depth import AS_STATED, DepthReadOptions
 from depthcli.lab.datasets.base import NYU, SplitName
 from depthcli.lab.datasets.nyu import is_nyu, open_nyu
 from depthcli.lab.datasets.prompts import Prompt

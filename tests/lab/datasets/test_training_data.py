@@ -12,7 +12,7 @@ from depthcli.core.types import Frame
 from depthcli.errors import DatasetError, UsageError
 from depthcli.inference.camera import intrinsics_of, metric_scale
 from depthcli.inference.transforms import input_layout
-from depthcli.io.depth.read import DepthReadOptions
+from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.lab.datasets.base import Pair, SplitName, split_nyu
 from depthcli.lab.datasets.folders import in_view, open_paired_folder
 from depthcli.lab.datasets.layouts import list_pairs

@@ -8,8 +8,8 @@ from helpers.small_set import small_set
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
-from depthcli.io.depth.read import DepthReadOptions
 from depthcli.io.formats.table import Format, writer_class
+from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.lab.datasets.folders import open_paired_folder
 from depthcli.lab.evaluation.predictors import Sample, open_predictions
 

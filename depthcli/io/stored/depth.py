@@ -1,0 +1,241 @@
+"""Depth that was read from a file: statements of the user about it, and what its numbers mean."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from depthcli.core.arrays import AnyArray, Float32Array
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.options import MILLIMETRES, DepthEncoding
+from depthcli.core.types import (
+    DepthKind,
+    DepthMap,
+    DepthRange,
+    Frame,
+    Window,
+    displayed_depth,
+    doubt_of_metres,
+)
+from depthcli.errors import InputError, Message
+from depthcli.io.stored import metadata as facts
+from depthcli.io.stored.sidecar import FileMetadata, with_sidecar
+
+_NORMALIZED_MAX = 0.999
+_INVERSE_NAME = re.compile(r"(?i)disparity|^disp$|inv(erse)?_?depth")
+_FARTHEST = 1e12  # no depth is larger, in any unit
+_BACKGROUND = 1e9  # least number that stands for the sky: Blender writes 1e10, others up to 3e38
+_HALF_BACKGROUND = 65504.0  # largest half float, which Blender and Unreal write for the sky
+METRIC = (DepthEncoding.METRIC, DepthEncoding.DISTANCE, DepthEncoding.DISPARITY)
+"""Meanings of numbers that have a unit even if none is stated."""
+
+
+@dataclass(frozen=True, slots=True)
+class DepthReadOptions:
+    """Statements of the user about a depth file."""
+
+    scale: float | None = None  #: units per metre; None for what the file states
+    #: meaning of the numbers in a file that does not state it; None for depth in metres
+    kind: DepthEncoding | None = None
+    #: units per metre of a file that states none; None for millimetres in integers, else metres
+    unstated_scale: float | None = None
+    #: of distances along the ray and of disparity; None in it for what the file states
+    camera: Intrinsics = UNKNOWN_CAMERA
+    baseline_m: float | None = None  #: between the two cameras of disparity
+    layer: str | None = None  #: of an EXR; None for the likeliest
+    frame: int | None = None  #: of several maps in NPY or NPZ, from 0
+
+    def for_name(self, name: str) -> Self:
+        """The options, with inverse depth if a name says so and no kind is stated."""
+        is_inverse = self.kind is None and _INVERSE_NAME.search(name)
+        return replace(self, kind=DepthEncoding.INVERSE) if is_inverse else self
+
+
+AS_STATED = DepthReadOptions()  #: no statement of the user: the file's own count
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredDepth:
+    """A depth map that was read from a file."""
+
+    name: str  #: the file
+    depth: DepthMap  #: the map, of an EXR over its data window
+    metadata: Mapping[str, str]  #: metadata of the file and its sidecar, texts by name
+    scale: facts.DepthScale | None  #: of the numbers in the file; None if they have no unit
+    is_integer: bool  #: whether they are integers
+    frame: Frame  #: without an image; has windows, shape of pixels, rate and time code of an EXR
+    channel: str | None = None  #: of an EXR, that the depth is read from
+    warnings: tuple[str, ...] = ()  #: one line each
+
+    @classmethod
+    def of(
+        cls,
+        path: Path,
+        stored: AnyArray,
+        metadata: FileMetadata,
+        options: DepthReadOptions,
+        frame: Frame | None = None,
+    ) -> Self:
+        """Depth of a file, whose numbers, metadata and frame are as of :func:`stored_depth`."""
+        if not stored.size:
+            raise InputError(f"{path} has no pixels")
+        texts, is_integer = metadata.texts, stored.dtype.kind in "iu"
+        stated = DepthEncoding(texts["kind"]) if texts.get("kind") in set(DepthKind) else None
+        encoding = stated or options.kind or DepthEncoding.METRIC
+        scale = facts.depth_scale(
+            texts,
+            options.scale,
+            options.unstated_scale,
+            is_integer=is_integer,
+            has_unit=encoding in METRIC,
+        )
+        units = scale.units_per_metre if scale else 1.0
+        warnings = metadata.warnings
+        if options.kind not in {None, encoding}:
+            warnings += (f"{path} states {encoding} depth, so it is not read as {options.kind}",)
+        if is_integer:
+            values = _of_integers(stored, texts, scale, encoding)
+        else:
+            with np.errstate(over="ignore", invalid="ignore"):  # beyond float32 there is no depth
+                values = np.ascontiguousarray(stored, np.float32)
+            if encoding in METRIC and "software" not in texts:
+                values, found = _without_background(values, str(path))
+                warnings += found
+            if units != 1:
+                values = values / np.float32(units)
+        provenance = facts.provenance_of(texts)
+        depth = DepthMap(values, DepthKind.METRIC, provenance)
+        if encoding in {DepthEncoding.DISTANCE, DepthEncoding.DISPARITY}:
+            depth = _seen_by(depth, encoding, options, frame, str(path))
+        elif encoding is DepthEncoding.INVERSE and scale is not None:
+            depth = DepthMap(reciprocal(values), DepthKind.METRIC, provenance)
+        elif encoding is not DepthEncoding.METRIC:
+            depth = DepthMap(values, DepthKind(encoding), provenance)
+        frame = frame or Frame(np.zeros((1, 1), np.uint8))
+        return cls(str(path), depth, texts, scale, is_integer, frame, warnings=warnings)
+
+    @property
+    def displayed(self) -> DepthMap:
+        """The map, of an EXR in its display window."""
+        return displayed_depth(self.depth, self.frame.windows)
+
+    @property
+    def unit_text(self) -> str:
+        """Unit of the numbers in the file and who states it: ``mm, assumed``."""
+        return f"none, {self.depth.kind}" if self.scale is None else self.scale.text
+
+    def warnings_with_scale(self, option: str) -> tuple[str, ...]:
+        """The warnings, and one if the unit is assumed, which names the option that states it.
+
+        Of floats, metres are assumed, which is a warning only if they are hardly metres: too large,
+        too small, or up to 1 as normalized depth (V-Ray's ZDepth, images of other programs).
+        """
+        if self.scale is None or self.scale.source != "assumed":
+            return self.warnings
+        problem = f"{self.name} states no scale, so millimetres are assumed"
+        if not self.is_integer:
+            _, median_m, most_m = DepthRange.of(self.depth)
+            fact = "" if median_m is None else doubt_of_metres(median_m)
+            if most_m is not None and _NORMALIZED_MAX <= most_m <= 1:
+                fact = "its numbers end at 1, as those of normalized depth, and not of metres, do"
+            if not fact:
+                return self.warnings
+            problem = f"{self.name} states no unit, and {fact}"
+        return (*self.warnings, Message(problem, f"{{{option}}} states another"))
+
+
+def stored_depth(
+    path: Path,
+    stored: AnyArray,
+    own: Mapping[str, str],
+    options: DepthReadOptions,
+    frame: Frame | None = None,
+) -> StoredDepth:
+    """Depth of a file from its numbers, its own metadata and the sidecar beside it.
+
+    ``stored`` is (H, W) integers, of which 0 is no depth, or floats; ``own`` what the file states,
+    as of ``metadata_texts``; ``frame`` has the windows of an EXR.
+    """
+    size_px = frame.display_size_px if frame else stored.shape[::-1]
+    return StoredDepth.of(path, stored, with_sidecar(path, own, size_px), options, frame)
+
+
+def stated_range(texts: Mapping[str, str]) -> tuple[float, float] | None:
+    """The ends of normalized integers, of depth or 1/depth; None if a file states none."""
+    try:
+        low, high = (float(word) for word in texts.get("range", "").split())
+    except ValueError:
+        return None
+    return (low, high) if -_FARTHEST < low <= high < _FARTHEST else None
+
+
+def _of_integers(
+    steps: AnyArray, texts: Mapping[str, str], scale: facts.DepthScale | None, kind: DepthEncoding
+) -> Float32Array:
+    """Depth of integers, also of ones that span its range, or that of 1/depth."""
+    units = scale.units_per_metre if scale else 1.0
+    if scale is None and texts.get("scale") in facts.NORMALIZED:
+        if ends := stated_range(texts):
+            values = facts.denormalized(steps, *ends)
+            return reciprocal(values) if texts["scale"] == "inverse" else values
+        units = MILLIMETRES
+    values = facts.dequantized(steps, units)
+    if kind in {DepthEncoding.METRIC, DepthEncoding.DISTANCE} and "software" not in texts:
+        values[steps == facts.UINT16_MAX] = np.inf  # unknown, or farther
+    return values
+
+
+def _without_background(values: Float32Array, name: str) -> tuple[Float32Array, tuple[str, ...]]:
+    """Depth without the numbers that stand for the sky, and positive where all is negative.
+
+    Maya and OpenGL have cameras that look along -Z.
+    """
+    warnings: tuple[str, ...] = ()
+    sky = np.isfinite(values) & ((values >= _BACKGROUND) | (values == _HALF_BACKGROUND))
+    if sky.any():
+        warnings = (f"{name}: {sky.sum()} pixels of {values[sky].max():g} are taken as no depth",)
+        values = np.where(sky, np.float32(np.nan), values)
+    finite = values[np.isfinite(values)]
+    if finite.size and finite.max() <= 0 and ((finite < 0) & (finite != -1)).any():
+        warnings += (f"{name} holds negative depth, along -Z, so its sign is changed",)
+        values = -values
+    return values, warnings
+
+
+def _seen_by(
+    depth: DepthMap,
+    encoding: DepthEncoding,
+    options: DepthReadOptions,
+    frame: Frame | None,
+    name: str,
+) -> DepthMap:
+    """Depth along the axis of distances along the ray, or of disparity."""
+    rows, columns = depth.values.shape
+    pixels = shown = Window(0, 0, columns, rows)
+    if frame is not None and frame.windows is not None:
+        pixels, shown = frame.windows.pixels, frame.windows.display  # that the camera is of
+    source = depth.provenance
+    focal_px = options.camera.focal_for(shown.width) or source.focal_px
+    if focal_px is None:
+        raise InputError(f"{name} holds {encoding}, which needs a focal length", "give {focal_px}")
+    if encoding is DepthEncoding.DISPARITY:
+        if options.baseline_m is None:
+            raise InputError(f"{name} holds disparity", "give {baseline} of the two cameras")
+        factor = np.float32(focal_px * options.baseline_m)
+        return replace(depth, values=reciprocal(depth.values) * factor)
+    centre = options.camera.centre_for(shown.width, shown.height) or source.centre_px
+    x, y = centre or ((shown.width - 1) / 2, (shown.height - 1) / 2)
+    aspect = options.camera.pixel_aspect or source.pixel_aspect
+    across = (np.arange(columns) + (pixels.left - shown.left - x)) / focal_px
+    down = (np.arange(rows) + (pixels.top - shown.top - y)) / (focal_px * aspect)
+    along_ray = np.sqrt(1 + across**2 + down[:, np.newaxis] ** 2)
+    return replace(depth, values=(depth.values / along_ray).astype(np.float32))
+
+
+def reciprocal(values: Float32Array) -> Float32Array:
+    """1/values, NaN where they are not above 0, or infinite; (H, W) float32."""
+    found = np.full_like(values, np.nan)
+    return np.divide(1, values, out=found, where=np.isfinite(values) & (values > 0))
