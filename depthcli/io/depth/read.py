@@ -21,14 +21,13 @@ def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -
         it states of model, camera, anchors and orientation.
     """
     path = path_of(path)
-    which = readable_format(path)
-    if which is None and path.suffix.lower() in _IMAGES:
-        if embedded := read_embedded_depth(path, options):
-            return embedded
-    if which is None:
-        told = f"{path} is not a depth file ({', '.join(READABLE_SUFFIXES)}, .mkv)"
-        raise InputError(told, "'depthcli predict' and 'depthcli video' estimate depth")
-    stored: StoredDepth = reader_of(which)(path, options)
+    format_ = readable_format(path)
+    if format_ is not None:
+        return reader_of(format_)(path, options)
+    stored = read_embedded_depth(path, options) if path.suffix.lower() in _IMAGES else None
+    if stored is None:
+        problem = f"{path} is not a depth file ({', '.join(READABLE_SUFFIXES)}, .mkv)"
+        raise InputError(problem, "'depthcli predict' and 'depthcli video' estimate depth")
     return stored
 
 

@@ -10,7 +10,7 @@ from enum import StrEnum
 from functools import partial
 from pathlib import PurePath
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
 
 from depthcli.io.formats.options import (
     ExrOptions,
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from depthcli.core.types import DepthMap, Frame
+    from depthcli.io.stored.depth import DepthReadOptions, StoredDepth
 
 
 class Writer(Protocol):
@@ -182,11 +183,12 @@ def readable_format(path: str | PurePath) -> Format | None:
     return found if found and found.facts.is_readable else None
 
 
-def reader_of(name: Format) -> Callable[..., Any]:
+def reader_of(name: Format) -> Callable[[Path, DepthReadOptions], StoredDepth]:
     """The function ``read`` of a format; its module is loaded now."""
     module = FORMATS[name].writer.partition(":")[0]
-    found: Callable[..., Any] = resolve_name(f"depthcli.io.formats.{module}:read")
-    return found
+    read: Callable[[Path, DepthReadOptions], StoredDepth]
+    read = resolve_name(f"depthcli.io.formats.{module}:read")
+    return read
 
 
 def writer_class(name: Format) -> type[Writer]:
