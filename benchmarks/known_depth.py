@@ -32,10 +32,10 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from tools import alternate, parse_options
 
 import depthcli
-from depthcli.core.anchors import AnchorPoints, fit_anchors
 from depthcli.core.options import AnchorsFit
 from depthcli.core.types import DepthMap
 from depthcli.errors import UsageError
+from depthcli.known.fit import AnchorPoints, fit_anchors
 from depthcli.lab.datasets.base import SplitName
 from depthcli.lab.datasets.nyu import open_nyu
 from depthcli.lab.datasets.prompts import Prompt, parsed_prompt

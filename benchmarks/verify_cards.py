@@ -23,7 +23,6 @@ import cv2
 import numpy as np
 from tools import parse_options
 
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import DepthMask, Upsampling, UpsamplingOptions
 from depthcli.core.types import Frame
@@ -32,6 +31,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.inference.transforms import coarse_depth, prepare, prompt_input
 from depthcli.io.images.read import read_image
+from depthcli.known.fit import AnchorPoints
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import FOLDER, Model, ready_fields
 

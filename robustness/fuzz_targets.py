@@ -33,7 +33,6 @@ from depthcli.errors import InputError
 from depthcli.inference.session import Session
 from depthcli.inference.trial import try_session
 from depthcli.io.calibration import read_calibration
-from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.file import read_exr_rate, write_exr
 from depthcli.io.formats.exr import ExrWriter
@@ -47,6 +46,7 @@ from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_lis
 from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.io.tables import read_lenses
 from depthcli.jobs.video.resume import FrameJournal
+from depthcli.known.files import AnchorFiles
 from depthcli.lab.datasets.folders import read_image_rgb, read_truth
 from depthcli.lab.datasets.nyu import open_mat, read_index
 from depthcli.lab.training.callbacks import truncate_log

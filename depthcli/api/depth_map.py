@@ -9,9 +9,7 @@ from typing import Literal, Self, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 
-from depthcli.core import anchors as anchor_fit
 from depthcli.core import types
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.arrays import AnyArray, UInt8Array
 from depthcli.core.camera import Anchor, CameraSource, Intrinsics
 from depthcli.core.options import AnchorsFit, Colormap, Near, chosen, short_repr
@@ -26,6 +24,8 @@ from depthcli.io.guard import Guard
 from depthcli.io.images.png import encode_png
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import path_of
+from depthcli.known import fit as anchor_fit
+from depthcli.known.fit import AnchorPoints
 
 AnchorLike: TypeAlias = Anchor | tuple[int, int, float]
 Anchors: TypeAlias = Sequence[AnchorLike] | AnyArray | types.DepthMap

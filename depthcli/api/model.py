@@ -17,7 +17,6 @@ from functools import partial
 from typing import NoReturn, TypeAlias
 
 from depthcli.api.depth_map import Anchors, DepthMap, anchor_points, warn_all
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import DEFAULT_UPSAMPLING, UpsamplingOptions
 from depthcli.core.parallel import ordered_map
@@ -29,6 +28,7 @@ from depthcli.inference.providers import AUTO
 from depthcli.io.images.pixels import check_levels
 from depthcli.io.images.read import Picture, frame_of
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
+from depthcli.known.fit import AnchorPoints
 from depthcli.models.card import ModelCard
 
 _Task: TypeAlias = tuple[Picture, AnchorPoints | None]

@@ -21,8 +21,8 @@ from depthcli.io.storage.paths import RemotePath, path_of, safe_name
 if TYPE_CHECKING:
     from fractions import Fraction
 
-    from depthcli.io.depth.anchors import AnchorFiles
     from depthcli.io.stored.depth import DepthReadOptions
+    from depthcli.known.files import AnchorFiles
 
 ALTERNATIVES = (
     ("calibration", "cameras", "focal_px", "hfov"),
@@ -158,7 +158,7 @@ def anchors(
     _refuse_alternatives({"anchor": options.anchor, "anchors": path})
     if path is None:
         return _listed_anchors(options)
-    from depthcli.io.depth.anchors import SELF, AnchorFiles
+    from depthcli.known.files import SELF, AnchorFiles
 
     if path == SELF and (options.anchors_scale or options.anchors_kind):
         raise UsageError(

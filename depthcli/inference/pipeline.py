@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from depthcli.core import options
-from depthcli.core.anchors import AnchorPoints, fitted
 from depthcli.core.arrays import BoolArray, Float32Array
 from depthcli.core.camera import (
     DEPTH_M_RANGE,
@@ -25,6 +24,7 @@ from depthcli.inference import camera as lenses
 from depthcli.inference import transforms
 from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import Layout, prepare
+from depthcli.known.fit import AnchorPoints, fitted
 from depthcli.models.card import InputSpec, OutputSpec
 
 _LONGEST = 2.5  # of images of one shot; phones' panoramas are longer

@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from depthcli.core import imageops
-from depthcli.core.anchors import ROBUST_FROM, AnchorPoints, pixels_of
 from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from depthcli.core.camera import DEPTH_M_RANGE
-from depthcli.core.local_correction import log_correction, thinned
 from depthcli.core.options import Upsampling
 from depthcli.core.types import DepthKind, Frame
+from depthcli.known.fit import ROBUST_FROM, AnchorPoints, pixels_of
+from depthcli.known.local_correction import log_correction, thinned
 from depthcli.models.card import (
     MAX_INPUT_PIXELS,
     Colour,

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import ModelError
 from depthcli.inference.pipeline import NETWORK_FROM, Pipeline
 from depthcli.inference.session import Session
+from depthcli.known.fit import AnchorPoints
 
 _GRAY = 128
 

@@ -10,16 +10,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from depthcli.core.anchors import AnchorPoints, Pairs, ScaleShift, robust
 from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, Intrinsics, hfov_deg
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, UsageError, about
 from depthcli.inference.pipeline import Pipeline
-from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.images.read import read_image, undistorted
 from depthcli.io.listing.folder import list_folder
 from depthcli.io.storage.paths import path_of
+from depthcli.known.files import AnchorFiles
+from depthcli.known.fit import AnchorPoints, Pairs, ScaleShift, robust
 
 _MOST_POINTS = 2000  # of an image, evenly spaced
 _SHIFT_POINTS = 10  # from which a shift is tried

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, TypeAlias
 
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.types import (
     DepthMap,
@@ -27,6 +26,7 @@ from depthcli.io.formats.table import FORMATS, Format, writer_of
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.io.stored.metadata import anchor_fields, origin_fields
+from depthcli.known.fit import AnchorPoints
 
 Target: TypeAlias = Path | BinaryIO
 """Where an output goes: a file, which a guard has checked, or a stream."""

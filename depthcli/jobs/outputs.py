@@ -21,9 +21,9 @@ from depthcli.jobs.output_names import output_bases
 from depthcli.video.numbering import base_name, is_pattern
 
 if TYPE_CHECKING:
-    from depthcli.core.anchors import AnchorPoints
     from depthcli.core.types import Frame
-    from depthcli.io.depth.anchors import AnchorFiles
+    from depthcli.known.files import AnchorFiles
+    from depthcli.known.fit import AnchorPoints
     from depthcli.video.formats import VideoFormat
 
 STDIO = "-"
@@ -54,7 +54,7 @@ class MapOptions:
 
         None if there is none for any; InputError if it cannot be read.
         """
-        from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
+        from depthcli.known.fit import AnchorPoints  # noqa: PLC0415 - needs numpy
 
         source = self.anchors
         if not source:

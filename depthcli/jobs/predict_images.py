@@ -13,12 +13,12 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, ModelError, OutputError, UsageError, is_out_of_memory
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
-from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.formats.table import Format, writer_class
 from depthcli.io.guard import Guard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.image import FailedInput, ImageJob, ImageTask, Target, failure_reason
 from depthcli.jobs.outputs import MapOptions, OutputPlan
+from depthcli.known.files import AnchorFiles
 
 if TYPE_CHECKING:
     from typing import BinaryIO

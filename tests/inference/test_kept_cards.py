@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import CameraSource, Intrinsics
 from depthcli.core.options import DepthMask, Upsampling, UpsamplingOptions
 from depthcli.core.types import Frame
@@ -19,6 +18,7 @@ from depthcli.inference.camera import metric_scale
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.inference.transforms import coarse_depth, prepare, prompt_input
+from depthcli.known.fit import AnchorPoints
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import Model, ready_fields, ready_names
 

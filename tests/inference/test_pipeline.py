@@ -22,7 +22,6 @@ from helpers.tiny import (
 )
 from onnx import TensorProto, helper, numpy_helper
 
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, CameraSource, Intrinsics
 from depthcli.core.options import AnchorsFit, DepthMask, UpsamplingOptions
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
@@ -32,6 +31,7 @@ from depthcli.inference.points import depth_of_points
 from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import coarse_depth, input_layout
 from depthcli.inference.trial import depth_for_trial, try_session
+from depthcli.known.fit import AnchorPoints
 from depthcli.models.catalog import find_model
 
 

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.options import Upsampling
 from depthcli.core.types import DepthKind, Frame, Transform
 from depthcli.inference import transforms
@@ -21,6 +20,7 @@ from depthcli.inference.transforms import (
     input_layout,
     prepare,
 )
+from depthcli.known.fit import AnchorPoints
 from depthcli.models.card import Colour, Fit, InputSpec, OutputSpec, Resize
 
 

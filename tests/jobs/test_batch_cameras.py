@@ -13,13 +13,13 @@ from helpers.videos import flat_frames, write_video
 from depthcli.core.camera import Intrinsics
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.anchors import AnchorFiles
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest import Shard
 from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
+from depthcli.known.files import AnchorFiles
 from depthcli.video.depth_video import DepthVideo
 
 TABLE = "id,focal_px,hfov_deg\na,40,\nhall/b.png,,90\n"

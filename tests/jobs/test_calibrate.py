@@ -15,10 +15,10 @@ import depthcli
 from depthcli.core.camera import CameraScale, Intrinsics, hfov_deg
 from depthcli.errors import InputError, UsageError
 from depthcli.io.calibration import keep_camera, kept_camera
-from depthcli.io.depth.anchors import AnchorFiles
-from depthcli.io.depth.clouds import projected
 from depthcli.io.images.read import read_image
 from depthcli.jobs.calibrate import CalibrationRequest, KnownObject, calibrate
+from depthcli.known.clouds import projected
+from depthcli.known.files import AnchorFiles
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,15 +13,15 @@ from helpers.requests import video_request
 from helpers.tiny import synthetic_picture, write_model, write_picture
 from helpers.videos import flat_frames, write_mp4
 
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Anchor, Intrinsics
 from depthcli.core.types import DepthKind
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.anchors import AnchorFiles
-from depthcli.jobs.video import known_depth
 from depthcli.jobs.video.plan import VideoResult, VideoSettings
 from depthcli.jobs.video.run import video
+from depthcli.known import frames as known_depth
+from depthcli.known.files import AnchorFiles
+from depthcli.known.fit import AnchorPoints
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
 
@@ -128,7 +128,7 @@ def test_files_of_two_frames_are_read_at_one_time(
         (tmp_path / f"{number}.csv").touch()
     together, points = Barrier(2, timeout=10), AnchorPoints.of([Anchor(5, 4, 4)])
     monkeypatch.setattr(known_depth, "read_known_depth", lambda *_: together.wait() < 2 and points)
-    anchors = known_depth.FrameAnchors(VideoSettings(anchors=AnchorFiles(str(tmp_path))))
+    anchors = known_depth.FrameAnchors(AnchorFiles(str(tmp_path)))
     with ThreadPoolExecutor(2) as pool:
         assert all(pool.map(lambda number: anchors.of_frame(number, 0.0, 10.0), (1, 2)))
 
@@ -209,5 +209,5 @@ def test_frames_of_other_extrinsics_are_not_kept(tmp_path: Path) -> None:
     known, states = AnchorFiles(str(tmp_path / "scan.bin"), camera=camera, extrinsics=pose), []
     for shift in ("0.1", "0.15"):
         pose.write_text(f"0 -1 0 {shift}\n0 0 -1 0\n1 0 0 0\n")
-        states.append(known_depth.FrameAnchors(VideoSettings(anchors=known)).states())
+        states.append(known_depth.FrameAnchors(known).states())
     assert states[0] != states[1]

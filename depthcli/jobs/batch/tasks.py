@@ -10,12 +10,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io import manifest
-from depthcli.io.depth.anchors import read_known_depth
 from depthcli.io.formats.table import Format
 from depthcli.io.guard import Guard
 from depthcli.io.listing.folder import InputFile, RealPaths
@@ -27,6 +25,8 @@ from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.plan import BatchPlan
 from depthcli.jobs.image import failure_reason
 from depthcli.jobs.outputs import Destination, Kind, MapOptions
+from depthcli.known.files import read_known_depth
+from depthcli.known.fit import AnchorPoints
 from depthcli.video.formats import COUNTERPARTS, VideoFormat
 
 

@@ -11,7 +11,6 @@ from fractions import Fraction
 import numpy as np
 
 from depthcli.core import temporal, types
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.arrays import Float32Array
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, Message, about
@@ -19,9 +18,10 @@ from depthcli.io.formats.preview import percentiles
 from depthcli.io.images.read import undistorted
 from depthcli.io.stored.metadata import dequantized, quantized
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
-from depthcli.jobs.video.known_depth import FrameAnchors
 from depthcli.jobs.video.plan import VideoSettings
 from depthcli.jobs.video.resume import FrameJournal
+from depthcli.known.fit import AnchorPoints
+from depthcli.known.frames import FrameAnchors
 from depthcli.video.numbering import stamps_a_second
 from depthcli.video.outputs import DepthFrame
 

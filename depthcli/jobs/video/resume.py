@@ -15,8 +15,8 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import READABLE
 from depthcli.io.storage.paths import RemotePath
-from depthcli.jobs.video.known_depth import FrameAnchors
 from depthcli.jobs.video.plan import VideoPlan
+from depthcli.known.frames import FrameAnchors
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frames import FrameSource
 from depthcli.video.numbering import base_name, numbered_name

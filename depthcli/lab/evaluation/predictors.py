@@ -11,7 +11,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.camera import Intrinsics, hfov_deg
 from depthcli.core.options import DEFAULT_UPSAMPLING, AnchorsFit, DepthEncoding, UpsamplingOptions
 from depthcli.core.parallel import ordered_map
@@ -23,6 +22,7 @@ from depthcli.inference.pipeline import NETWORK_FROM, Pipeline
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import READABLE
 from depthcli.io.stored.depth import AS_STATED, DepthReadOptions, StoredDepth
+from depthcli.known.fit import AnchorPoints
 from depthcli.lab.datasets.base import DepthDataset, Pair
 from depthcli.lab.datasets.folders import as_dataset_error
 from depthcli.lab.datasets.layouts import list_files

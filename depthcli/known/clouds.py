@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from depthcli.core.anchors import AnchorPoints
 from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import DEPTH_M_RANGE, Intrinsics
 from depthcli.core.options import INSTALL_POINTS
 from depthcli.errors import InputError, Message
 from depthcli.io.calibration import colmap_lines
-from depthcli.io.depth.extrinsics import rotation
 from depthcli.io.images.jpeg import JPEG_START, exif_of_jpeg, jpeg_header
 from depthcli.io.images.pixels import upright_places
 from depthcli.io.images.tiff import parse_exif
 from depthcli.io.storage.paths import read_bytes
+from depthcli.known.extrinsics import rotation
+from depthcli.known.fit import AnchorPoints
 
 _MAX_PX = 1e6  # columns and rows; points farther off the axis are in no image
 _Values = Float64Array

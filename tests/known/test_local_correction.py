@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from depthcli.core.local_correction import _Level, _sliced, log_correction
+from depthcli.known.local_correction import _Level, _sliced, log_correction
 
 HEIGHT, WIDTH = 30, 40
 

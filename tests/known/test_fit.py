@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from depthcli.core import local_correction
-from depthcli.core.anchors import ERROR_SD, SHIFT_SD, AnchorPoints, fit_anchors, fitted
 from depthcli.core.camera import Anchor as Point
 from depthcli.core.options import AnchorsFit
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
+from depthcli.known import local_correction
+from depthcli.known.fit import ERROR_SD, SHIFT_SD, AnchorPoints, fit_anchors, fitted
 
 RANDOM = np.random.default_rng(3)
 

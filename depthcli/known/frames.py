@@ -13,13 +13,13 @@ from threading import Lock
 
 import numpy as np
 
-from depthcli.core.anchors import AnchorPoints
-from depthcli.core.options import Rule
+from depthcli.core.camera import Anchor
+from depthcli.core.options import AnchorsFit, Rule
 from depthcli.errors import InputError
-from depthcli.io.depth.anchors import COLUMNS, SUFFIXES, AnchorFiles, numbers_of, read_known_depth
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.tables import CsvTable
-from depthcli.jobs.video.plan import VideoSettings
+from depthcli.known.files import COLUMNS, SUFFIXES, AnchorFiles, numbers_of, read_known_depth
+from depthcli.known.fit import AnchorPoints
 from depthcli.video.numbering import times_ns
 
 _LAST_NUMBER = re.compile(r"(\d+)\D*$", re.ASCII)
@@ -42,11 +42,17 @@ class FrameAnchors:
         paths: its files, and that of extrinsics.
     """
 
-    def __init__(self, settings: VideoSettings) -> None:
-        """List the folder, or read the file; there may be neither."""
-        stated = settings.anchors
-        self._stated, self._fit = stated, settings.anchors_fit
-        self._within_s = settings.anchors_within_s
+    def __init__(
+        self,
+        stated: AnchorFiles | tuple[Anchor, ...],
+        fit: AnchorsFit | None = None,
+        within_s: float | None = None,
+    ) -> None:
+        """List the folder, or read the file; there may be neither.
+
+        ``within_s`` is the largest distance from a frame in seconds; None for half a frame.
+        """
+        self._stated, self._fit, self._within_s = stated, fit, within_s
         self.paths = list[Path]()
         self._of_all: AnchorPoints | None = None
         self._each: Mapping[float, _Points] = {}

@@ -16,7 +16,6 @@ from depthcli.core.arrays import (
     Int64Array,
 )
 from depthcli.core.camera import DEPTH_M, DEPTH_M_RANGE, Anchor
-from depthcli.core.local_correction import log_correction
 from depthcli.core.options import AnchorsFit
 from depthcli.core.types import (
     AnchorFit,
@@ -28,6 +27,7 @@ from depthcli.core.types import (
     has_depth,
 )
 from depthcli.errors import InputError, Message, UsageError
+from depthcli.known.local_correction import log_correction
 
 _COLUMNS = 3
 _MAX_PIXEL = 2**31
@@ -259,11 +259,11 @@ def fit_anchors(
     """Metric depth that fits known points best, and warnings about it.
 
     First scale and shift of least squares, with five or more points by
-    :func:`depthcli.core.anchors.robust`, which leaves wrong ones out; one point fits the scale
+    :func:`depthcli.known.fit.robust`, which leaves wrong ones out; one point fits the scale
     alone. Of metric maps, errors are relative to the map's depth, and the shift is expected to be
     small; points of one region, such as a wall, say little about it, however many they are.
     Relative maps are fitted in depth, inverse maps in inverse depth. Of five or more points, the
-    rest is then spread over the map by :func:`depthcli.core.local_correction.log_correction`,
+    rest is then spread over the map by :func:`depthcli.known.local_correction.log_correction`,
     unless they state the fit ``global``.
 
     Args:

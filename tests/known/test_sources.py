@@ -17,15 +17,15 @@ from depthcli.core.camera import Anchor, Intrinsics
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth import clouds
-from depthcli.io.depth.anchors import AnchorFiles, read_known_depth
-from depthcli.io.depth.extrinsics import read_extrinsics
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.images import heif
 from depthcli.io.images.read import read_image
+from depthcli.known import clouds
+from depthcli.known.extrinsics import read_extrinsics
+from depthcli.known.files import AnchorFiles, read_known_depth
 
 DEPTH_M = np.full((4, 6), np.nan, np.float32)
 DEPTH_M[1, 2], DEPTH_M[3, 5] = 2.5, 4.0

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from depthcli.core.anchors import AnchorPoints
     from depthcli.core.arrays import Float64Array
+    from depthcli.known.fit import AnchorPoints
 
 _CLOUDS = (".pcd", ".ply")
 #: suffixes of files with known depth
@@ -74,7 +74,7 @@ class AnchorFiles:
         if image is None:
             raise InputError("standard input is no file whose own depth can be read")
         if self.reconstruction:
-            from depthcli.io.depth.clouds import read_reconstruction  # noqa: PLC0415 - needs numpy
+            from depthcli.known.clouds import read_reconstruction  # noqa: PLC0415 - needs numpy
 
             return read_reconstruction(self.reconstruction, image, self.scale)
         return _own_depth(image, self.camera)
@@ -120,10 +120,10 @@ COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": _DEPTH}  #: of a table
 
 def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
     """The points of a CSV table, a cloud, or a sparse depth map of a stated scale and kind."""
-    from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
     from depthcli.io.depth.read import read_stored_depth  # noqa: PLC0415
     from depthcli.io.formats.raster import COLMAP_MAP  # noqa: PLC0415
     from depthcli.io.stored.depth import DepthReadOptions  # noqa: PLC0415
+    from depthcli.known.fit import AnchorPoints  # noqa: PLC0415 - needs numpy
 
     suffix = path.suffix.lower()
     if suffix == ".csv" and (stated.scale or stated.kind):
@@ -151,8 +151,8 @@ def read_known_depth(path: Path, stated: AnchorFiles) -> AnchorPoints:
 
 
 def _of_cloud(path: Path, stated: AnchorFiles) -> AnchorPoints:
-    from depthcli.io.depth.clouds import projected, read_cloud  # noqa: PLC0415 - needs numpy
-    from depthcli.io.depth.extrinsics import read_extrinsics  # noqa: PLC0415
+    from depthcli.known.clouds import projected, read_cloud  # noqa: PLC0415 - needs numpy
+    from depthcli.known.extrinsics import read_extrinsics  # noqa: PLC0415
 
     if stated.kind:
         raise InputError(f"{path} has points in three dimensions", "remove {anchors_kind}")
@@ -168,9 +168,9 @@ def _of_cloud(path: Path, stated: AnchorFiles) -> AnchorPoints:
 
 
 def _own_depth(image: Path, camera: Intrinsics) -> AnchorPoints:
-    from depthcli.core.anchors import AnchorPoints  # noqa: PLC0415 - needs numpy
     from depthcli.io.depth.embedded import read_embedded_depth  # noqa: PLC0415
     from depthcli.io.stored.depth import DepthReadOptions  # noqa: PLC0415
+    from depthcli.known.fit import AnchorPoints  # noqa: PLC0415 - needs numpy
 
     found = read_embedded_depth(image, DepthReadOptions(camera=camera))
     if found is None or not found.depth.is_metric:
