@@ -35,7 +35,8 @@ import depthcli
 from depthcli.core.options import AnchorsFit
 from depthcli.core.types import DepthMap
 from depthcli.errors import UsageError
-from depthcli.known.fit import AnchorPoints, fit_anchors
+from depthcli.known.fit import fit_anchors
+from depthcli.known.points import AnchorPoints
 from depthcli.lab.datasets.base import SplitName
 from depthcli.lab.datasets.nyu import open_nyu
 from depthcli.lab.datasets.prompts import Prompt, parsed_prompt

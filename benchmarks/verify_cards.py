@@ -31,7 +31,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.inference.transforms import coarse_depth, prepare, prompt_input
 from depthcli.io.images.read import read_image
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.points import AnchorPoints
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import FOLDER, Model, ready_fields
 

@@ -17,7 +17,7 @@ import pytest
 import depthcli
 from depthcli.core.camera import Anchor
 from depthcli.core.types import Frame
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.points import AnchorPoints
 from depthcli.lab.datasets import base as id_ranges
 from depthcli.models.card import ModelCard
 

@@ -25,7 +25,7 @@ from depthcli.io.images.png import encode_png
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import path_of
 from depthcli.known import fit as anchor_fit
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.points import AnchorPoints
 
 AnchorLike: TypeAlias = Anchor | tuple[int, int, float]
 Anchors: TypeAlias = Sequence[AnchorLike] | AnyArray | types.DepthMap

@@ -28,7 +28,7 @@ from depthcli.inference.providers import AUTO
 from depthcli.io.images.pixels import check_levels
 from depthcli.io.images.read import Picture, frame_of
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.points import AnchorPoints
 from depthcli.models.card import ModelCard
 
 _Task: TypeAlias = tuple[Picture, AnchorPoints | None]

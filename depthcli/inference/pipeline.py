@@ -24,7 +24,8 @@ from depthcli.inference import camera as lenses
 from depthcli.inference import transforms
 from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import Layout, prepare
-from depthcli.known.fit import AnchorPoints, fitted
+from depthcli.known.fit import fitted
+from depthcli.known.points import AnchorPoints
 from depthcli.models.card import InputSpec, OutputSpec
 
 _LONGEST = 2.5  # of images of one shot; phones' panoramas are longer

@@ -10,8 +10,9 @@ from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, Int64Arr
 from depthcli.core.camera import DEPTH_M_RANGE
 from depthcli.core.options import Upsampling
 from depthcli.core.types import DepthKind, Frame
-from depthcli.known.fit import ROBUST_FROM, AnchorPoints, pixels_of
+from depthcli.known.fit import ROBUST_FROM
 from depthcli.known.local_correction import log_correction, thinned
+from depthcli.known.points import AnchorPoints, pixels_of
 from depthcli.models.card import (
     MAX_INPUT_PIXELS,
     Colour,

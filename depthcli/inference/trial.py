@@ -6,7 +6,7 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import ModelError
 from depthcli.inference.pipeline import NETWORK_FROM, Pipeline
 from depthcli.inference.session import Session
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.points import AnchorPoints
 
 _GRAY = 128
 

@@ -19,7 +19,9 @@ from depthcli.io.images.read import read_image, undistorted
 from depthcli.io.listing.folder import list_folder
 from depthcli.io.storage.paths import path_of
 from depthcli.known.files import AnchorFiles
-from depthcli.known.fit import AnchorPoints, Pairs, ScaleShift, robust
+from depthcli.known.fit import Pairs, ScaleShift, robust
+from depthcli.known.points import AnchorPoints
+from depthcli.known.sources import read_file, read_known_depth
 
 _MOST_POINTS = 2000  # of an image, evenly spaced
 _SHIFT_POINTS = 10  # from which a shift is tried
@@ -160,7 +162,7 @@ def _of_pairs(folder: Path) -> Iterator[tuple[Frame, AnchorPoints]]:
         raise UsageError(f"{folder} has no images in rgb/", advice, option="pairs")
     for image in images:
         frame = read_image(image.readable_path())
-        points = replace(depth, path=str(depth.file_for(image.name))).read()
+        points = read_file(depth.file_for(image.name), depth)
         yield frame, replace(points, warnings=())  # of assumed millimetres, which the help states
 
 
@@ -177,7 +179,7 @@ def _points(request: CalibrationRequest, frame: Frame) -> AnchorPoints:
     image = Path(frame.path or "")
     if path_of(anchors.path).is_dir() and not anchors.is_by_image:
         anchors = replace(anchors, path=str(anchors.file_for(image.name, picture=image)))
-    return anchors.read(image)
+    return read_known_depth(anchors, image)
 
 
 def _sample(depth: DepthMap, points: AnchorPoints) -> _Sample:

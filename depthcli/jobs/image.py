@@ -26,7 +26,7 @@ from depthcli.io.formats.table import FORMATS, Format, writer_of
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.io.stored.metadata import anchor_fields, origin_fields
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.points import AnchorPoints
 
 Target: TypeAlias = Path | BinaryIO
 """Where an output goes: a file, which a guard has checked, or a stream."""

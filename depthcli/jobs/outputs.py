@@ -23,7 +23,7 @@ from depthcli.video.numbering import base_name, is_pattern
 if TYPE_CHECKING:
     from depthcli.core.types import Frame
     from depthcli.known.files import AnchorFiles
-    from depthcli.known.fit import AnchorPoints
+    from depthcli.known.points import AnchorPoints
     from depthcli.video.formats import VideoFormat
 
 STDIO = "-"
@@ -54,12 +54,17 @@ class MapOptions:
 
         None if there is none for any; InputError if it cannot be read.
         """
-        from depthcli.known.fit import AnchorPoints  # noqa: PLC0415 - needs numpy
+        from depthcli.known.points import AnchorPoints  # noqa: PLC0415 - needs numpy
+        from depthcli.known.sources import read_known_depth  # noqa: PLC0415
 
         source = self.anchors
         if not source:
             return None
-        points = AnchorPoints.of(source) if isinstance(source, tuple) else source.read(image)
+        points = (
+            AnchorPoints.of(source)
+            if isinstance(source, tuple)
+            else read_known_depth(source, image)
+        )
         return replace(points, fit=self.anchors_fit)
 
     def read(self, path: Path | None, data: bytes | None, name: str = "standard input") -> Frame:

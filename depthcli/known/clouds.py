@@ -20,7 +20,7 @@ from depthcli.io.images.pixels import upright_places
 from depthcli.io.images.tiff import parse_exif
 from depthcli.io.storage.paths import read_bytes
 from depthcli.known.extrinsics import rotation
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.points import AnchorPoints
 
 _MAX_PX = 1e6  # columns and rows; points farther off the axis are in no image
 _Values = Float64Array

@@ -18,8 +18,9 @@ from depthcli.core.options import AnchorsFit, Rule
 from depthcli.errors import InputError
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.tables import CsvTable
-from depthcli.known.files import COLUMNS, SUFFIXES, AnchorFiles, numbers_of, read_known_depth
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.files import SUFFIXES, AnchorFiles
+from depthcli.known.points import AnchorPoints
+from depthcli.known.sources import COLUMNS, numbers_of, read_file, read_known_depth
 from depthcli.video.numbering import times_ns
 
 _LAST_NUMBER = re.compile(r"(\d+)\D*$", re.ASCII)
@@ -57,7 +58,7 @@ class FrameAnchors:
         self._of_all: AnchorPoints | None = None
         self._each: Mapping[float, _Points] = {}
         self._is_timed = False
-        self._read = lru_cache(maxsize=2)(read_known_depth)
+        self._read = lru_cache(maxsize=2)(read_file)
         self._reading = defaultdict[Path, Lock](Lock)
         if isinstance(stated, tuple):
             self._of_all = AnchorPoints.of(stated) if stated else None
@@ -70,7 +71,7 @@ class FrameAnchors:
         elif path.suffix.lower() == ".csv":
             self._read_table(path, stated)
         else:
-            self._of_all = stated.read()
+            self._of_all = read_known_depth(stated)
         if stated.extrinsics:
             self.paths.append(stated.extrinsics)
 
@@ -103,7 +104,7 @@ class FrameAnchors:
         table = CsvTable(read_bytes(path), str(path))
         key = next((name for name in _RULES if name in table.columns), None)
         if key is None:
-            self._of_all = read_known_depth(path, stated)
+            self._of_all = read_file(path, stated)
             return
         rows = numbers_of(table, {key: _RULES[key], **COLUMNS})
         self._is_timed = key == _TIME_S

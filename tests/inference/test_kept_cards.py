@@ -18,7 +18,7 @@ from depthcli.inference.camera import metric_scale
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.inference.transforms import coarse_depth, prepare, prompt_input
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.points import AnchorPoints
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import Model, ready_fields, ready_names
 

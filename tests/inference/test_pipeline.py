@@ -31,7 +31,7 @@ from depthcli.inference.points import depth_of_points
 from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import coarse_depth, input_layout
 from depthcli.inference.trial import depth_for_trial, try_session
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.points import AnchorPoints
 from depthcli.models.catalog import find_model
 
 

@@ -20,7 +20,7 @@ from depthcli.inference.transforms import (
     input_layout,
     prepare,
 )
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.points import AnchorPoints
 from depthcli.models.card import Colour, Fit, InputSpec, OutputSpec, Resize
 
 

@@ -21,7 +21,7 @@ from depthcli.jobs.video.plan import VideoResult, VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.known import frames as known_depth
 from depthcli.known.files import AnchorFiles
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.points import AnchorPoints
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
 
@@ -109,13 +109,13 @@ def test_a_scan_is_read_once_for_the_frames_near_it(
     (tmp_path / "known").mkdir()
     (tmp_path / "known/0001.csv").write_text(f"{HEADER}\n5,4,4\n")
     (tmp_path / "known/0004.csv").write_text(f"{HEADER}\n5,4,5\n")
-    read, count = known_depth.read_known_depth, Counter[str]()
+    read, count = known_depth.read_file, Counter[str]()
 
     def counted(path: Path, stated: AnchorFiles) -> AnchorPoints:
         count[path.stem] += 1
         return read(path, stated)
 
-    monkeypatch.setattr(known_depth, "read_known_depth", counted)
+    monkeypatch.setattr(known_depth, "read_file", counted)
     run(clip, loader, tmp_path / "known", anchors_within_s=0.05)
     assert depths_m(clip) == pytest.approx([4, 4, 4, 5, 5, 5], abs=0.05)
     assert count == {"0001": 1, "0004": 1}
@@ -127,7 +127,7 @@ def test_files_of_two_frames_are_read_at_one_time(
     for number in (1, 2):
         (tmp_path / f"{number}.csv").touch()
     together, points = Barrier(2, timeout=10), AnchorPoints.of([Anchor(5, 4, 4)])
-    monkeypatch.setattr(known_depth, "read_known_depth", lambda *_: together.wait() < 2 and points)
+    monkeypatch.setattr(known_depth, "read_file", lambda *_: together.wait() < 2 and points)
     anchors = known_depth.FrameAnchors(AnchorFiles(str(tmp_path)))
     with ThreadPoolExecutor(2) as pool:
         assert all(pool.map(lambda number: anchors.of_frame(number, 0.0, 10.0), (1, 2)))

@@ -12,7 +12,8 @@ from depthcli.core.options import AnchorsFit
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.known import local_correction
-from depthcli.known.fit import ERROR_SD, SHIFT_SD, AnchorPoints, fit_anchors, fitted
+from depthcli.known.fit import ERROR_SD, SHIFT_SD, fit_anchors, fitted
+from depthcli.known.points import AnchorPoints
 
 RANDOM = np.random.default_rng(3)
 

@@ -25,8 +25,8 @@ from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.plan import BatchPlan
 from depthcli.jobs.image import failure_reason
 from depthcli.jobs.outputs import Destination, Kind, MapOptions
-from depthcli.known.files import read_known_depth
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.points import AnchorPoints
+from depthcli.known.sources import read_file
 from depthcli.video.formats import COUNTERPARTS, VideoFormat
 
 
@@ -47,7 +47,7 @@ class BatchOptions(MapOptions):
         if any(is_same_file(output, file) for output in task.outputs.values()):
             raise InputError(f"{file} is its known depth", "choose another {out}")
         source = replace(source, camera=source.camera.of_image(task.intrinsics))
-        return replace(read_known_depth(file, source), fit=self.anchors_fit)
+        return replace(read_file(file, source), fit=self.anchors_fit)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,8 +20,8 @@ from depthcli.io.stored.metadata import dequantized, quantized
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
 from depthcli.jobs.video.plan import VideoSettings
 from depthcli.jobs.video.resume import FrameJournal
-from depthcli.known.fit import AnchorPoints
 from depthcli.known.frames import FrameAnchors
+from depthcli.known.points import AnchorPoints
 from depthcli.video.numbering import stamps_a_second
 from depthcli.video.outputs import DepthFrame
 

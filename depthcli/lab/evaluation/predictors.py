@@ -22,7 +22,7 @@ from depthcli.inference.pipeline import NETWORK_FROM, Pipeline
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import READABLE
 from depthcli.io.stored.depth import AS_STATED, DepthReadOptions, StoredDepth
-from depthcli.known.fit import AnchorPoints
+from depthcli.known.points import AnchorPoints
 from depthcli.lab.datasets.base import DepthDataset, Pair
 from depthcli.lab.datasets.folders import as_dataset_error
 from depthcli.lab.datasets.layouts import list_files

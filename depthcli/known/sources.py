@@ -1,0 +1,108 @@
+"""Reading known depth: tables, clouds, reconstructions, sparse maps, and the depth of phones."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from depthcli.core.arrays import Float64Array
+from depthcli.core.camera import Intrinsics
+from depthcli.core.options import Rule
+from depthcli.errors import InputError, UsageError
+from depthcli.io.depth.embedded import read_embedded_depth
+from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.formats.raster import COLMAP_MAP
+from depthcli.io.storage.paths import path_of, read_bytes
+from depthcli.io.stored.depth import DepthReadOptions
+from depthcli.io.tables import CsvTable
+from depthcli.known.clouds import projected, read_cloud, read_reconstruction
+from depthcli.known.extrinsics import read_extrinsics
+from depthcli.known.files import ALTERNATIVES, CLOUDS, SUFFIXES, AnchorFiles
+from depthcli.known.points import AnchorPoints
+
+_PLACE_PX = Rule("a pixel from 0 at the top left", lambda px: abs(px) < 1e9)  # noqa: PLR2004
+_DEPTH = Rule("a number", lambda _: True)  # those that are no depth are left out and counted
+COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": _DEPTH}  #: of a table
+
+
+def read_known_depth(files: AnchorFiles, image: Path | None = None) -> AnchorPoints:
+    """Depth of a file, or within an image or of its reconstruction; none without metres."""
+    path = path_of(files.path)
+    if not files.is_by_image and path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{path} holds no known depth", f"give a file with {ALTERNATIVES}")
+    if not files.is_by_image:
+        return read_file(path, files)
+    if image is None:
+        raise InputError("standard input is no file whose own depth can be read")
+    if files.reconstruction:
+        return read_reconstruction(files.reconstruction, image, files.scale)
+    return _of_phone(image, files.camera)
+
+
+def read_file(path: Path, stated: AnchorFiles) -> AnchorPoints:
+    """The points of a CSV table, a cloud, or a sparse depth map of a stated scale and kind."""
+    suffix = path.suffix.lower()
+    if suffix == ".csv" and (stated.scale or stated.kind):
+        raise InputError(
+            f"{path} is in metres along the axis", "remove {anchors_scale} and {anchors_kind}"
+        )
+    if suffix in CLOUDS or (suffix == ".bin" and not COLMAP_MAP.match(read_bytes(path))):
+        return _of_cloud(path, stated)
+    if suffix == ".csv":
+        return AnchorPoints.of_table(numbers_of(CsvTable(read_bytes(path), str(path)), COLUMNS))
+    options = DepthReadOptions(
+        stated.scale, stated.kind, camera=stated.camera, baseline_m=stated.baseline_m
+    )
+    try:
+        found = read_stored_depth(path, options)
+    except UsageError as error:  # of this file, not of all that the scale is given for
+        raise InputError(error.message, option="anchors_scale") from error
+    depth = found.displayed
+    if not depth.is_metric:
+        raise InputError(f"{path} holds {depth.kind} depth, which has no metres")
+    points = AnchorPoints.of_map(depth.values)
+    if not len(points):
+        raise InputError(f"{path} has no pixel with depth")
+    return replace(points, warnings=found.warnings_with_scale("anchors_scale"))
+
+
+def _of_cloud(path: Path, stated: AnchorFiles) -> AnchorPoints:
+
+    if stated.kind:
+        raise InputError(f"{path} has points in three dimensions", "remove {anchors_kind}")
+    cloud_m, doubts = read_cloud(path) / (stated.scale or 1), tuple[str, ...]()
+    if stated.extrinsics:
+        pose, doubts = read_extrinsics(stated.extrinsics)
+        cloud_m = cloud_m @ pose[:3, :3].T + pose[:3, 3]
+    points = projected(cloud_m, stated.camera)
+    points = replace(points, warnings=doubts + points.warnings)
+    if not len(points):
+        raise InputError(f"{path} has no point before the camera", "give its {extrinsics}")
+    return points if stated.scale else points.doubted("{anchors_scale} states another")
+
+
+def _of_phone(image: Path, camera: Intrinsics) -> AnchorPoints:
+
+    found = read_embedded_depth(image, DepthReadOptions(camera=camera))
+    if found is None or not found.depth.is_metric:
+        kind = "no depth" if found is None else "relative depth, which has no metres,"
+        warning = f"{image} has {kind} of its own, so it is not fitted to any"
+        return replace(AnchorPoints.of(()), warnings=(warning,))
+    points = AnchorPoints.of_map(found.depth.values)
+    if not len(points):
+        raise InputError(f"{image} has no pixel with depth of its own")
+    warnings = found.warnings or (f"{image}: its own depth is in metres",)
+    return replace(points, warnings=warnings)
+
+
+def numbers_of(table: CsvTable, columns: Mapping[str, Rule]) -> Float64Array:
+    """The numbers in some columns, one or more rows: (N, columns) float64."""
+    for column in columns:
+        if column not in table.columns:
+            told = f"{table.name} has no column {column}"
+            raise InputError(told, f"its first line has to name {', '.join(columns)}")
+    rows = [[row.number(column, rule) for column, rule in columns.items()] for row in table]
+    if not rows:
+        raise InputError(f"{table.name} has no points")
+    return np.array(rows, np.float64)
