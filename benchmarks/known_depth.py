@@ -32,11 +32,11 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from tools import alternate, parse_options
 
 import depthcli
-from depthcli.core.options import AnchorsFit
+from depthcli.core.options import KnownDepthFit
 from depthcli.core.types import DepthMap
 from depthcli.errors import UsageError
-from depthcli.known.fit import fit_anchors
-from depthcli.known.points import AnchorPoints
+from depthcli.known.fit import fit_known_depth
+from depthcli.known.points import KnownDepth
 from depthcli.lab.datasets.base import SplitName
 from depthcli.lab.datasets.nyu import open_nyu
 from depthcli.lab.datasets.prompts import Prompt, parsed_prompt
@@ -99,7 +99,7 @@ def main() -> None:
         f"{'points':38}{'interpolation':>14}{'global':>10}{'local':>10}{'network':>10}{'worse':>8}"
     )
 
-    def show(name: str, anchors: Iterable[AnchorPoints | None]) -> None:
+    def show(name: str, anchors: Iterable[KnownDepth | None]) -> None:
         rows = []
         for (sample, depth, true_m), points in zip(pairs, anchors, strict=True):
             if points:
@@ -139,7 +139,7 @@ def print_times(
 
 def drawn(
     true_m: Floats, count: int, condition: tuple[float, float, str], random: np.random.Generator
-) -> AnchorPoints:
+) -> KnownDepth:
     """Points of a map at random, with errors."""
     noise, wrong, where = condition
     height, width = true_m.shape
@@ -153,10 +153,10 @@ def drawn(
     seen_m = true_m[y, x] * random.normal(1, noise, count)
     is_wrong = random.random(count) < wrong
     seen_m[is_wrong] *= random.uniform(1.2, 3, is_wrong.sum())
-    return AnchorPoints.of_table(np.stack([x, y, seen_m], axis=1))
+    return KnownDepth.of_table(np.stack([x, y, seen_m], axis=1))
 
 
-def errors(depth: DepthMap, true_m: Floats, points: AnchorPoints) -> tuple[float, float, float]:
+def errors(depth: DepthMap, true_m: Floats, points: KnownDepth) -> tuple[float, float, float]:
     """abs_rel of interpolation, of the global fit and of ``--anchors``; NaN where one fails."""
     places = np.stack([points.x, points.y], axis=1)
     y, x = np.mgrid[: true_m.shape[0], : true_m.shape[1]]
@@ -167,8 +167,8 @@ def errors(depth: DepthMap, true_m: Floats, points: AnchorPoints) -> tuple[float
     nearest = NearestNDInterpolator(places, points.depth_m)(x, y)
     alone = abs_rel(np.where(np.isnan(between), nearest, between), true_m)
     try:
-        rough = replace(points, fit=AnchorsFit.GLOBAL)
-        fits = [fit_anchors(depth, some)[0].values for some in (rough, points)]
+        rough = replace(points, fit=KnownDepthFit.GLOBAL)
+        fits = [fit_known_depth(depth, some)[0].values for some in (rough, points)]
     except UsageError:
         return alone, np.nan, np.nan
     return alone, abs_rel(fits[0], true_m), abs_rel(fits[1], true_m)

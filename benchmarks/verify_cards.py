@@ -31,7 +31,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.inference.transforms import coarse_depth, prepare, prompt_input
 from depthcli.io.images.read import read_image
-from depthcli.known.points import AnchorPoints
+from depthcli.known.points import KnownDepth
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import FOLDER, Model, ready_fields
 
@@ -205,12 +205,12 @@ def of_picture(
     return small, full, control
 
 
-def known_points(depth_m: np.ndarray, frame: Frame) -> AnchorPoints:
+def known_points(depth_m: np.ndarray, frame: Frame) -> KnownDepth:
     """Points at the centres of the pixels of a map of the whole picture."""
     y, x = (axis.ravel() for axis in np.indices(depth_m.shape))
     rows, columns = depth_m.shape
     places = [(x + 0.5) * frame.width / columns - 0.5, (y + 0.5) * frame.height / rows - 0.5]
-    return AnchorPoints.of_table(np.stack([*places, depth_m.ravel()], axis=1))
+    return KnownDepth.of_table(np.stack([*places, depth_m.ravel()], axis=1))
 
 
 def difference(ours: np.ndarray, theirs: np.ndarray) -> float:

@@ -25,7 +25,7 @@ from depthcli.jobs.video.frames import FrameClock, FrameFilter, FramePredictor
 from depthcli.jobs.video.plan import VideoRequest, plan_video, video_destination
 from depthcli.jobs.video.resume import FrameJournal
 from depthcli.jobs.video.stages import open_output
-from depthcli.known.frames import FrameAnchors
+from depthcli.known.frames import KnownDepthOfFrames
 from depthcli.video.formats import VideoFormat
 from depthcli.video.source import VideoSource
 
@@ -37,7 +37,7 @@ def measure_stages(video: Path, folder: Path, frames: int) -> dict[str, float]:
     cv2.setNumThreads(1)
     pipeline = Pipeline(SessionLoader(threads=1).load(), UpsamplingOptions())
     plan = plan_video(VideoRequest(str(video), video_destination(f"{folder}/", FORMATS)))
-    known, stages = FrameAnchors(plan.settings.anchors), tools.Stages()
+    known, stages = KnownDepthOfFrames(plan.settings.anchors), tools.Stages()
     with VideoSource(video) as source, ExitStack() as stack:
         outputs = {
             format_: stack.enter_context(open_output(format_, plan, source, Guard.of([video])))

@@ -46,7 +46,7 @@ from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_lis
 from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.io.tables import read_lenses
 from depthcli.jobs.video.resume import FrameJournal
-from depthcli.known.files import AnchorFiles
+from depthcli.known.files import KnownDepthFiles
 from depthcli.known.sources import read_known_depth
 from depthcli.lab.datasets.folders import read_image_rgb, read_truth
 from depthcli.lab.datasets.nyu import open_mat, read_index
@@ -432,7 +432,7 @@ TARGETS: dict[str, Target] = {
     "anchors": Target(
         "a.csv",
         lambda: [b"x,y,depth_m\n3,4,2.5\n20.4,7,1e1\n", b'depth_m,x,y,"a, b"\r\n2,3,4,"c"\r\n'],
-        lambda path: read_known_depth(AnchorFiles(str(path))),
+        lambda path: read_known_depth(KnownDepthFiles(str(path))),
     ),
     "calibration": Target("a.yaml", _calibrations, _read_calibration, 2),
     "sidecar": Target("a.json", _sidecars, _read_sidecar),

@@ -17,7 +17,7 @@ import pytest
 import depthcli
 from depthcli.core.camera import Anchor
 from depthcli.core.types import Frame
-from depthcli.known.points import AnchorPoints
+from depthcli.known.points import KnownDepth
 from depthcli.lab.datasets import base as id_ranges
 from depthcli.models.card import ModelCard
 
@@ -59,12 +59,12 @@ def _depth(model: str, **detail: str) -> depthcli.DepthMap:
     return pipeline.predict(image, anchors=_points(model, _true_m())).depth
 
 
-def _points(model: str, depth_m: np.ndarray) -> AnchorPoints | None:
+def _points(model: str, depth_m: np.ndarray) -> KnownDepth | None:
     """48 pixels of (480, 640) metres, for the network that takes known depth."""
     if model != "prompted":
         return None
     y, x = (axis.ravel() for axis in np.mgrid[40:480:80, 40:640:80])
-    return AnchorPoints(x, y, depth_m[y, x].astype(np.float64))
+    return KnownDepth(x, y, depth_m[y, x].astype(np.float64))
 
 
 @pytest.mark.parametrize(("model", "upsampling"), sorted(REFERENCES))

@@ -12,7 +12,7 @@ import numpy as np
 from depthcli.core import types
 from depthcli.core.arrays import AnyArray, UInt8Array
 from depthcli.core.camera import Anchor, CameraSource, Intrinsics
-from depthcli.core.options import AnchorsFit, Colormap, Near, chosen, short_repr
+from depthcli.core.options import Colormap, KnownDepthFit, Near, chosen, short_repr
 from depthcli.core.surface import PointCloud, surface_of
 from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
@@ -24,8 +24,8 @@ from depthcli.io.guard import Guard
 from depthcli.io.images.png import encode_png
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import path_of
-from depthcli.known import fit as anchor_fit
-from depthcli.known.points import AnchorPoints
+from depthcli.known.fit import fit_known_depth
+from depthcli.known.points import KnownDepth
 
 AnchorLike: TypeAlias = Anchor | tuple[int, int, float]
 Anchors: TypeAlias = Sequence[AnchorLike] | AnyArray | types.DepthMap
@@ -84,7 +84,7 @@ class DepthMap(types.DepthMap):
     Attributes:
         values: (H, W) float32. Metres for ``DepthKind.METRIC``. NaN where there is no depth.
         kind: what the numbers mean.
-        provenance: model, camera and anchors, as far as they are known.
+        provenance: model, camera and known points, as far as they are known.
         frame: the picture, upright; None if it is not available.
     """
 
@@ -130,7 +130,7 @@ class DepthMap(types.DepthMap):
         """Residual of the fit to known points; None if there was none."""
         return self.provenance.anchor_fit
 
-    def fit_anchors(self, anchors: Anchors, *, fit: str = AnchorsFit.LOCAL) -> Self:
+    def fit_anchors(self, anchors: Anchors, *, fit: str = KnownDepthFit.LOCAL) -> Self:
         """Metric depth that fits known points best.
 
         One point fits the scale, two or more also a shift. From five on, depth also follows them
@@ -146,7 +146,7 @@ class DepthMap(types.DepthMap):
         Raises:
             UsageError: the points do not fit the map, or contradict each other.
         """
-        fitted, messages = anchor_fit.fit_anchors(self, anchor_points(anchors, fit))
+        fitted, messages = fit_known_depth(self, known_depth_of(anchors, fit))
         warn_all(messages)
         return self.of(fitted, self.frame)
 
@@ -177,7 +177,7 @@ class DepthMap(types.DepthMap):
             UsageError: the map has no metres, no focal length is known, or one is not valid.
         """
         if not self.is_metric:
-            raise UsageError(f"{self.kind} depth has no metres", "fit it to anchors")
+            raise UsageError(f"{self.kind} depth has no metres", "fit it to known points")
         depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg, centre_px))
         source = depth.provenance
         if source.focal_px is None and not source.projection.is_other:
@@ -304,28 +304,28 @@ class DepthMap(types.DepthMap):
         warn_all(messages, path)
 
 
-def anchor_points(anchors: Anchors, fit: str | None) -> AnchorPoints:
+def known_depth_of(anchors: Anchors, fit: str | None) -> KnownDepth:
     """The points of :meth:`DepthMap.fit_anchors`, and their fit; UsageError if there is none."""
-    how = None if fit is None else chosen(AnchorsFit, fit, "the fit")
+    how = None if fit is None else chosen(KnownDepthFit, fit, "the fit")
     return replace(_points(anchors), fit=how)
 
 
-def _points(anchors: Anchors) -> AnchorPoints:
+def _points(anchors: Anchors) -> KnownDepth:
     if isinstance(anchors, types.DepthMap):
         if not anchors.is_metric:
-            raise UsageError(f"anchors are metres, and {anchors.kind} depth has none")
-        return AnchorPoints.of_map(anchors.values)
+            raise UsageError(f"known depth is in metres, and {anchors.kind} depth has none")
+        return KnownDepth.of_map(anchors.values)
     if not isinstance(anchors, np.ndarray):
         try:
             table = np.array([(x, y, depth_m) for x, y, depth_m in anchors], float).reshape(-1, 3)
         except (TypeError, ValueError) as error:
             problem = f"anchors are (column, row, metres), not {short_repr(anchors)}"
             raise UsageError(problem) from error
-        return AnchorPoints.of_table(table)
+        return KnownDepth.of_table(table)
     if anchors.ndim == _TABLE_RANK and anchors.shape[1] == _COLUMNS and anchors.dtype.kind in "fiu":
-        return AnchorPoints.of_table(anchors)
+        return KnownDepth.of_table(anchors)
     if anchors.ndim == _TABLE_RANK and anchors.dtype.kind == "f":
-        return AnchorPoints.of_map(anchors).doubted()
+        return KnownDepth.of_map(anchors).doubted()
     raise UsageError(
         "an array of anchors is (N, 3) numbers of column, row, metres, or (H, W) float metres, not "
         f"{anchors.shape} {anchors.dtype}"

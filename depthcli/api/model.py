@@ -16,7 +16,7 @@ from dataclasses import replace
 from functools import partial
 from typing import NoReturn, TypeAlias
 
-from depthcli.api.depth_map import Anchors, DepthMap, anchor_points, warn_all
+from depthcli.api.depth_map import Anchors, DepthMap, known_depth_of, warn_all
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import DEFAULT_UPSAMPLING, UpsamplingOptions
 from depthcli.core.parallel import ordered_map
@@ -28,11 +28,11 @@ from depthcli.inference.providers import AUTO
 from depthcli.io.images.pixels import check_levels
 from depthcli.io.images.read import Picture, frame_of
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
-from depthcli.known.points import AnchorPoints
+from depthcli.known.points import KnownDepth
 from depthcli.models.card import ModelCard
 
-_Task: TypeAlias = tuple[Picture, AnchorPoints | None]
-_Reader: TypeAlias = tuple[Callable[[], Frame], AnchorPoints | None]
+_Task: TypeAlias = tuple[Picture, KnownDepth | None]
+_Reader: TypeAlias = tuple[Callable[[], Frame], KnownDepth | None]
 
 
 def _readers(tasks: Iterable[_Task], white_level: int | None) -> Iterator[_Reader]:
@@ -150,13 +150,13 @@ class DepthModel:
             (H, W) of the upright picture; of an EXR, of its display window.
 
         Raises:
-            InputError: the picture cannot be read, or is not a picture, or the anchors do not fit
-                it.
+            InputError: the picture cannot be read, or is not a picture, or the known points do
+                not fit it.
             ModelError: the network failed.
-            UsageError: the camera, the anchors or the white level are not valid.
+            UsageError: the camera, the known points or the white level are not valid.
         """
         camera = Intrinsics.given(focal_px, hfov_deg)
-        points = None if anchors is None else anchor_points(anchors, anchors_fit)
+        points = None if anchors is None else known_depth_of(anchors, anchors_fit)
         frame = frame_of(picture, white_level)
         depth, texts = _displayed(self._job.run(ImageTask(frame, camera, points)), frame)
         warn_all(texts)
@@ -197,15 +197,15 @@ class DepthModel:
             UsageError: the camera or white level is not valid, or ``pictures`` is a single one.
         """
         camera = Intrinsics.given(focal_px, hfov_deg)
-        points = None if anchors is None else anchor_points(anchors, anchors_fit)
+        points = None if anchors is None else known_depth_of(anchors, anchors_fit)
         check_levels(white_level)
         _check_several(pictures, batch_size, workers)
         if not (anchors is None or anchors_each is None):
             raise UsageError("give anchors of all images, or of each, not both")
-        points_each: Iterable[AnchorPoints | None] = itertools.repeat(points)
+        points_each: Iterable[KnownDepth | None] = itertools.repeat(points)
         if anchors_each is not None:
             points_each = (
-                None if a is None else anchor_points(a, anchors_fit) for a in anchors_each
+                None if a is None else known_depth_of(a, anchors_fit) for a in anchors_each
             )
 
         def predicted(batch: list[_Reader]) -> list[_Displayed | Exception]:

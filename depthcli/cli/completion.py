@@ -28,13 +28,6 @@ def cards(incomplete: str) -> list[str]:
     return starting_with(ready_names(), incomplete)
 
 
-def profiles(incomplete: str) -> list[str]:
-    """Names for ``--profile``."""
-    from depthcli.cli.profiles import profile_names
-
-    return starting_with(profile_names(), incomplete)
-
-
 providers = offered(PROVIDERS)
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from depthcli.io.stored.depth import DepthReadOptions
-    from depthcli.known.files import AnchorFiles
+    from depthcli.known.files import KnownDepthFiles
 
 ALTERNATIVES = (
     ("calibration", "cameras", "focal_px", "hfov"),
@@ -143,12 +143,12 @@ def depth_reading(options: groups.DepthFileOptions, camera: Intrinsics) -> Depth
     return replace(read_options, camera=camera, baseline_m=baseline_m)
 
 
-def anchors(
+def known_depth(
     options: groups.KnownDepthOptions,
     camera: Intrinsics = UNKNOWN_CAMERA,
     *,
     is_folder: bool | None = False,
-) -> AnchorFiles | tuple[Anchor, ...]:
+) -> KnownDepthFiles | tuple[Anchor, ...]:
     """The points of known depth, or files of them for images of a camera.
 
     With ``is_folder``, a path has to be a folder with a file for each image; None is for a video,
@@ -157,14 +157,14 @@ def anchors(
     path = options.anchors
     _refuse_alternatives({"anchor": options.anchor, "anchors": path})
     if path is None:
-        return _listed_anchors(options)
-    from depthcli.known.files import SELF, AnchorFiles
+        return _listed_points(options)
+    from depthcli.known.files import SELF, KnownDepthFiles
 
     if path == SELF and (options.anchors_scale or options.anchors_kind):
         raise UsageError(
             "", "{anchors_scale} and {anchors_kind} are for files, not for {anchors} self"
         )
-    files = AnchorFiles(
+    files = KnownDepthFiles(
         path,
         options.anchors_scale,
         options.anchors_kind,
@@ -192,7 +192,7 @@ def anchors(
 
 def map_options(
     camera_options: groups.CameraOptions,
-    known_depth: groups.AnchorOptions,
+    fit: groups.FitOptions,
     read: groups.ImageOptions,
     upsampling: groups.MapOptions,
     writing: groups.WritingOptions,
@@ -205,8 +205,8 @@ def map_options(
     return {
         "writing": writer_options(writing),
         "camera": seen_by,
-        "anchors": anchors(known_depth, seen_by, is_folder=is_folder),
-        "anchors_fit": known_depth.anchors_fit,
+        "anchors": known_depth(fit, seen_by, is_folder=is_folder),
+        "anchors_fit": fit.anchors_fit,
         "reading": reading(read, eye),
         "detail": detail(upsampling),
         "max_pixels": read.max_pixels,
@@ -255,16 +255,16 @@ def area(word: str) -> tuple[int, ...] | str:
     return tuple(map(int, numbers(word, *form, _are_indices)))
 
 
-def _listed_anchors(options: groups.KnownDepthOptions) -> tuple[Anchor, ...]:
+def _listed_points(options: groups.KnownDepthOptions) -> tuple[Anchor, ...]:
     for name in ("anchors_scale", "anchors_kind", "baseline", "extrinsics"):
         if getattr(options, name) is not None:
             raise UsageError("", f"{{{name}}} is for {{anchors}}: give both or neither")
     if getattr(options, "anchors_fit", None) and not options.anchor:
         raise UsageError("", "{anchors_fit} is for {anchors} and {anchor}: give one of them")
-    return tuple(map(_anchor, options.anchor or ()))
+    return tuple(map(_point, options.anchor or ()))
 
 
-def _anchor(word: str) -> Anchor:
+def _point(word: str) -> Anchor:
     def holds(x: float, y: float, depth_m: float) -> bool:
         return _are_indices(x, y) and bool(DEPTH_M.holds(depth_m))
 

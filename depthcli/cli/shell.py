@@ -13,7 +13,7 @@ from typer.models import TyperPath
 
 from depthcli._version import __version__
 from depthcli.cli import table
-from depthcli.cli.completion import profiles
+from depthcli.cli.completion import starting_with
 from depthcli.cli.groups import USUAL
 from depthcli.cli.screen import console
 from depthcli.errors import DepthcliError, ExitCode, UsageError, is_out_of_memory
@@ -140,7 +140,7 @@ def load_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
             TyperOption(
                 param_decls=["--profile"],
                 metavar="NAME",
-                autocompletion=lambda _context, _words, word: profiles(word),
+                autocompletion=_profiles,
                 expose_value=False,
                 callback=_apply_profile,
                 is_eager=True,
@@ -186,6 +186,12 @@ def _refuse_uris(_ctx: Any, parameter: Any, value: Any) -> Any:  # noqa: ANN401 
             named = parameter.opts[-1] if parameter.opts[-1].startswith("-") else "this"
             raise UsageError(f"{safe_name(str(word))} is a URI; {named} takes local paths only")
     return value
+
+
+def _profiles(_context: Any, _words: Any, word: str) -> list[str]:  # noqa: ANN401 - typer's own
+    from depthcli.cli.profiles import profile_names
+
+    return starting_with(profile_names(), word)
 
 
 def _apply_profile(ctx: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own

@@ -82,7 +82,7 @@ GPU_BATCH = 8  #: batch size of the network on other providers than the CPU
 MAX_PIXELS = 250_000_000  #: larger pictures are refused, unless another limit is given
 
 
-class AnchorsFit(StrEnum):
+class KnownDepthFit(StrEnum):
     """How depth is fitted to known points."""
 
     GLOBAL = "global"  #: by a scale and a shift of the whole map

@@ -25,7 +25,7 @@ from depthcli.inference import transforms
 from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import Layout, prepare
 from depthcli.known.fit import fitted
-from depthcli.known.points import AnchorPoints
+from depthcli.known.points import KnownDepth
 from depthcli.models.card import InputSpec, OutputSpec
 
 _LONGEST = 2.5  # of images of one shot; phones' panoramas are longer
@@ -54,7 +54,7 @@ class Pipeline:
         self.detail = detail
 
     def predict(
-        self, frame: Frame, camera: Intrinsics = UNKNOWN_CAMERA, anchors: AnchorPoints | None = None
+        self, frame: Frame, camera: Intrinsics = UNKNOWN_CAMERA, anchors: KnownDepth | None = None
     ) -> Prediction:
         """Depth of every pixel of an image.
 
@@ -70,8 +70,8 @@ class Pipeline:
             anchors: known depth that the metres are fitted to; None to keep those of the model.
 
         Raises:
-            InputError: the tiles are too small for the image, or the camera or the anchors do not
-                fit it.
+            InputError: the tiles are too small for the image, or the camera or the known depth
+                does not fit it.
             ModelError: the network failed.
         """
         return self._predict_batch([frame], [camera], [anchors])[0]
@@ -80,7 +80,7 @@ class Pipeline:
         self,
         frames: Sequence[Frame],
         cameras: Sequence[Intrinsics] = (),
-        anchors: Sequence[AnchorPoints | None] = (),
+        anchors: Sequence[KnownDepth | None] = (),
     ) -> list[Prediction | Exception]:
         """Depth of several images; those with the same input size are run as one batch.
 
@@ -100,11 +100,13 @@ class Pipeline:
         self,
         frames: Sequence[Frame],
         cameras: Sequence[Intrinsics],
-        anchors: Sequence[AnchorPoints | None],
+        known_depth: Sequence[KnownDepth | None],
     ) -> list[Prediction]:
         is_panorama = any(frame.projection.is_other for frame in frames)
-        if is_panorama or (self.session.load_known_depth and any(map(_is_for_network, anchors))):
-            return [self._alone(*task) for task in zip(frames, cameras, anchors, strict=True)]
+        if is_panorama or (
+            self.session.load_known_depth and any(map(_is_for_network, known_depth))
+        ):
+            return [self._alone(*task) for task in zip(frames, cameras, known_depth, strict=True)]
         lens = [
             lenses.intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)
         ]
@@ -119,27 +121,29 @@ class Pipeline:
             problem = f"model {self.card.name!r} tells no mask of its own"
             raise InputError(problem, "leave {mask} out, or give another {model}")
         layouts = [layout for _, layout in prepared]
-        known_points = [self._known(*one) for one in zip(frames, anchors, strict=True)]
+        known_points = [self._for_network(*one) for one in zip(frames, known_depth, strict=True)]
         prompts = [
             None if points is None else transforms.prompt_input(self.card, points, frame, layout)
             for frame, layout, points in zip(frames, layouts, known_points, strict=True)
         ]
         raws = self._run([single for single, _ in prepared], prompts)
         estimates = map(self._model_depth, frames, raws, layouts, lens, known_points)
-        parts = zip(estimates, frames, anchors, strict=True)
+        parts = zip(estimates, frames, known_depth, strict=True)
         return [_finished(one, f, points, followed) for (one, followed), f, points in parts]
 
-    def _alone(self, frame: Frame, camera: Intrinsics, anchors: AnchorPoints | None) -> Prediction:
+    def _alone(
+        self, frame: Frame, camera: Intrinsics, known_depth: KnownDepth | None
+    ) -> Prediction:
         """Depth of a panorama, or by the network that takes known depth where there is enough."""
         if frame.projection.is_other:
-            return _finished(self._panorama(frame, camera), frame, anchors)
-        session = self.session.known_depth if _is_for_network(anchors) else None
+            return _finished(self._panorama(frame, camera), frame, known_depth)
+        session = self.session.known_depth if _is_for_network(known_depth) else None
         pipeline = self if session is None else Pipeline(session, self.detail)
-        return pipeline.predict(frame, camera, anchors)
+        return pipeline.predict(frame, camera, known_depth)
 
-    def _known(self, frame: Frame, anchors: AnchorPoints | None) -> AnchorPoints | None:
+    def _for_network(self, frame: Frame, known_depth: KnownDepth | None) -> KnownDepth | None:
         """Known depth for the network; None if it takes none, or there is too little."""
-        if anchors is None or not _is_for_network(anchors):
+        if known_depth is None or not _is_for_network(known_depth):
             if self.card.input.known_depth is not None:
                 raise InputError(
                     f"model {self.card.name!r} needs known depth of each image",
@@ -147,14 +151,14 @@ class Pipeline:
                 )
             return None
         if not self.card.input.prompt_inputs:
-            if anchors.fit is options.AnchorsFit.NETWORK:
+            if known_depth.fit is options.KnownDepthFit.NETWORK:
                 raise InputError(
                     f"model {self.card.name!r} takes no known depth",
                     "give another {model}, or another {anchors_fit}",
                 )
             return None
         try:
-            return anchors.within(*frame.display_size_px)
+            return known_depth.within(*frame.display_size_px)
         except UsageError as error:
             raise InputError(str(error)) from error
 
@@ -164,7 +168,7 @@ class Pipeline:
         raw: RawOutputs,
         layout: Layout,
         camera: Intrinsics,
-        points: AnchorPoints | None,
+        points: KnownDepth | None,
     ) -> tuple[Prediction, BoolArray | None]:
         """Depth at the image's size, as the model and the camera, or known depth, give it.
 
@@ -279,16 +283,16 @@ class Pipeline:
         )
 
 
-def _is_for_network(anchors: AnchorPoints | None) -> bool:
+def _is_for_network(known_depth: KnownDepth | None) -> bool:
     """Whether a network that takes known depth is to make depth of it."""
-    if anchors and anchors.fit is None:
-        return len(anchors) >= NETWORK_FROM
-    return bool(anchors and anchors.fit is options.AnchorsFit.NETWORK)
+    if known_depth and known_depth.fit is None:
+        return len(known_depth) >= NETWORK_FROM
+    return bool(known_depth and known_depth.fit is options.KnownDepthFit.NETWORK)
 
 
 def _of_points(spec: OutputSpec, raw: RawOutputs, camera: Intrinsics, frame: Frame) -> RawOutputs:
     """Outputs with depth and a field of view in place of points."""
-    from depthcli.inference.points import depth_of_points  # noqa: PLC0415 - few models need it
+    from depthcli.inference.point_map import depth_of_points  # noqa: PLC0415 - few models need it
 
     has_depth = None
     if spec.mask is not None and raw.mask is not None:
@@ -324,7 +328,7 @@ def _range_warnings(spec: OutputSpec, depth: DepthMap, scale: float) -> tuple[st
 def _finished(
     prediction: Prediction,
     frame: Frame,
-    anchors: AnchorPoints | None,
+    known_depth: KnownDepth | None,
     followed: BoolArray | None = None,
 ) -> Prediction:
     """Depth without any where the file has no pixels, fitted to known points."""
@@ -332,9 +336,9 @@ def _finished(
     depth = masked_to_data_window(depth, frame.windows)
     if frame.transparent is not None:
         depth = replace(depth, values=np.where(frame.transparent, np.float32(np.nan), depth.values))
-    result, of_anchors = fitted(depth, anchors, frame.windows, followed=followed)
-    of_camera = () if anchors else _camera_warnings(depth, frame)
-    return Prediction(result, (*warnings, *of_camera, *of_anchors))
+    result, of_fit = fitted(depth, known_depth, frame.windows, followed=followed)
+    of_camera = () if known_depth else _camera_warnings(depth, frame)
+    return Prediction(result, (*warnings, *of_camera, *of_fit))
 
 
 def _camera_warnings(depth: DepthMap, frame: Frame) -> tuple[str, ...]:

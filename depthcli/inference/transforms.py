@@ -12,7 +12,7 @@ from depthcli.core.options import Upsampling
 from depthcli.core.types import DepthKind, Frame
 from depthcli.known.fit import ROBUST_FROM
 from depthcli.known.local_correction import log_correction, thinned
-from depthcli.known.points import AnchorPoints, pixels_of
+from depthcli.known.points import KnownDepth, pixels_of
 from depthcli.models.card import (
     MAX_INPUT_PIXELS,
     Colour,
@@ -105,9 +105,7 @@ def prepare(spec: InputSpec, frame: Frame) -> tuple[Float32Array, Layout]:
     return np.ascontiguousarray(batch), layout
 
 
-def prompt_input(
-    card: ModelCard, points: AnchorPoints, frame: Frame, layout: Layout
-) -> Float32Array:
+def prompt_input(card: ModelCard, points: KnownDepth, frame: Frame, layout: Layout) -> Float32Array:
     """Known depth as the network takes it: (2, H, W) float32, coded as its output, and a mask.
 
     Of a network that needs a whole map, it is (1, H, W) metres, where none are known the nearest.
@@ -123,7 +121,7 @@ def prompt_input(
 
 
 def follow_points(
-    card: ModelCard, coarse_m: Float32Array, frame: Frame, points: AnchorPoints | None
+    card: ModelCard, coarse_m: Float32Array, frame: Frame, points: KnownDepth | None
 ) -> tuple[Float32Array, BoolArray | None]:
     """Metres, (h, w), that follow the points a network made them of, and which of these: (N,).
 
@@ -152,9 +150,7 @@ def _is_inside(x: Int64Array, y: Int64Array, frame: Frame) -> BoolArray:
     return (x >= 0) & (x < frame.width) & (y >= 0) & (y < frame.height)
 
 
-def _on_grid_of(
-    points: AnchorPoints, frame: Frame, layout: Layout
-) -> tuple[Float64Array, BoolArray]:
+def _on_grid_of(points: KnownDepth, frame: Frame, layout: Layout) -> tuple[Float64Array, BoolArray]:
     """Mean logarithm of the points in each pixel of a layout, (H, W), and where there are any."""
     x, y = pixels_of(points, frame.windows)
     inside = _is_inside(x, y, frame)

@@ -6,7 +6,7 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import ModelError
 from depthcli.inference.pipeline import NETWORK_FROM, Pipeline
 from depthcli.inference.session import Session
-from depthcli.known.points import AnchorPoints
+from depthcli.known.points import KnownDepth
 
 _GRAY = 128
 
@@ -55,4 +55,4 @@ def depth_for_trial(pipeline: Pipeline, frame: Frame) -> DepthMap:
         return pipeline.predict(frame).depth
     columns, rows = frame.display_size_px
     slope = np.linspace((0, 0, 1), (columns - 1, rows - 1, 2), NETWORK_FROM)
-    return pipeline.predict(frame, anchors=AnchorPoints.of_table(slope)).depth
+    return pipeline.predict(frame, anchors=KnownDepth.of_table(slope)).depth

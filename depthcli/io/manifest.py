@@ -18,7 +18,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Annotated, Any, BinaryIO, Self
 
-from depthcli.core.options import AnchorsFit, Rule
+from depthcli.core.options import KnownDepthFit, Rule
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import OutputError, UsageError, os_errors_as
 from depthcli.io.storage.atomic import append_whole, atomic_path
@@ -50,14 +50,14 @@ class CacheKey:
 
 
 @dataclass(frozen=True, slots=True)
-class AnchorEntry:
+class KnownDepthEntry:
     """The known points that the depth of an input was fitted to."""
 
     given: int  #: all points
     used: int  #: those that depth was fitted to; the others contradict them
     residual_m: float  #: median absolute difference of all points, in metres
     sha256: str  #: checksum of the points, 64 hex digits
-    fit: AnchorsFit | None = None  #: how depth follows them; None if that is not known
+    fit: KnownDepthFit | None = None  #: how depth follows them; None if that is not known
     model: str | None = None  #: that made the depth, if it is not the key's
 
 
@@ -77,7 +77,7 @@ class ManifestRow:
     warnings: tuple[str, ...] = ()  #: one-line texts
     #: the camera that its metres are for, and how it is known; None without metres
     camera: str | None = None
-    anchors: AnchorEntry | None = None  #: the known points it was fitted to; None if it was not
+    anchors: KnownDepthEntry | None = None  #: the known points it was fitted to; None if it was not
 
     def as_json(self) -> dict[str, object]:
         """The fields of one line."""
@@ -95,7 +95,7 @@ class ManifestRow:
         return json.dumps(self.as_json(), ensure_ascii=True).encode() + b"\n"
 
 
-def _fields(entry: AnchorEntry | CacheKey | ManifestRow | OutputFile) -> dict[str, object]:
+def _fields(entry: KnownDepthEntry | CacheKey | ManifestRow | OutputFile) -> dict[str, object]:
     return {name: getattr(entry, name) for name in entry.__slots__}
 
 

@@ -18,9 +18,9 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.io.images.read import read_image, undistorted
 from depthcli.io.listing.folder import list_folder
 from depthcli.io.storage.paths import path_of
-from depthcli.known.files import AnchorFiles
+from depthcli.known.files import KnownDepthFiles
 from depthcli.known.fit import Pairs, ScaleShift, robust
-from depthcli.known.points import AnchorPoints
+from depthcli.known.points import KnownDepth
 from depthcli.known.sources import read_file, read_known_depth
 
 _MOST_POINTS = 2000  # of an image, evenly spaced
@@ -37,7 +37,7 @@ class KnownObject(NamedTuple):
     y1: float  #: bottom, px
     height_m: float  #: metres
 
-    def anchor(self, focal_px: float) -> Anchor:
+    def known_point(self, focal_px: float) -> Anchor:
         """The depth of its middle: focal length in rows · height ÷ height in pixels."""
         middle = round((self.x0 + self.x1) / 2), round((self.y0 + self.y1) / 2)
         return Anchor(*middle, focal_px * self.height_m / (self.y1 - self.y0))
@@ -52,7 +52,7 @@ class CalibrationRequest:
     images: tuple[str, ...] = ()  #: image files of the camera
     pairs: Path | None = None  #: or a folder with images in ``rgb/`` and their depth in ``depth/``
     #: known depth of the images: points of a single one, a file, or a folder with one for each
-    anchors: AnchorFiles | tuple[Anchor, ...] = ()
+    anchors: KnownDepthFiles | tuple[Anchor, ...] = ()
     known_object: KnownObject | None = None  #: or an object of known height in a single image
     camera: Intrinsics = UNKNOWN_CAMERA  #: what else is known of the camera
 
@@ -142,7 +142,7 @@ def _rounded(camera: Intrinsics) -> tuple[float, ...]:
     return round(camera.hfov_deg or 0, 2), *(round((at + 0.5) / side, 3) for at, side in sides)
 
 
-def _known(request: CalibrationRequest) -> Iterator[tuple[Frame, AnchorPoints]]:
+def _known(request: CalibrationRequest) -> Iterator[tuple[Frame, KnownDepth]]:
     if request.pairs is not None:
         if request.camera.is_undistorted:
             problem = "its depth is of images with their distortion"
@@ -154,9 +154,9 @@ def _known(request: CalibrationRequest) -> Iterator[tuple[Frame, AnchorPoints]]:
         yield frame, _points(request, frame)
 
 
-def _of_pairs(folder: Path) -> Iterator[tuple[Frame, AnchorPoints]]:
+def _of_pairs(folder: Path) -> Iterator[tuple[Frame, KnownDepth]]:
     """Images below ``rgb/``, and known depth of the same names below ``depth/``."""
-    images, depth = list_folder(str(folder / "rgb")).media, AnchorFiles(str(folder / "depth"))
+    images, depth = list_folder(str(folder / "rgb")).media, KnownDepthFiles(str(folder / "depth"))
     if not images:
         advice = "name the images, and the folder of their depth with {anchors}"
         raise UsageError(f"{folder} has no images in rgb/", advice, option="pairs")
@@ -166,23 +166,23 @@ def _of_pairs(folder: Path) -> Iterator[tuple[Frame, AnchorPoints]]:
         yield frame, replace(points, warnings=())  # of assumed millimetres, which the help states
 
 
-def _points(request: CalibrationRequest, frame: Frame) -> AnchorPoints:
+def _points(request: CalibrationRequest, frame: Frame) -> KnownDepth:
     anchors = request.anchors
     if request.known_object is not None:
         focal_px = request.camera.focal_for(frame.width)
         if focal_px is None:
             raise UsageError("", "an object of known height needs {focal_px} or {hfov}")
         down = request.camera.pixel_aspect or frame.pixel_aspect
-        return AnchorPoints.of([request.known_object.anchor(focal_px * down)])
+        return KnownDepth.of([request.known_object.known_point(focal_px * down)])
     if isinstance(anchors, tuple):
-        return AnchorPoints.of(anchors)
+        return KnownDepth.of(anchors)
     image = Path(frame.path or "")
     if path_of(anchors.path).is_dir() and not anchors.is_by_image:
         anchors = replace(anchors, path=str(anchors.file_for(image.name, picture=image)))
     return read_known_depth(anchors, image)
 
 
-def _sample(depth: DepthMap, points: AnchorPoints) -> _Sample:
+def _sample(depth: DepthMap, points: KnownDepth) -> _Sample:
     """Predicted and true depth at the points, evenly thinned."""
     chosen = np.linspace(0, len(points) - 1, min(len(points), _MOST_POINTS)).astype(np.int64)
     predicted_m = depth.values[points.y[chosen], points.x[chosen]].astype(np.float64)

@@ -25,8 +25,8 @@ from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.table import FORMATS, Format, writer_of
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.temporary import temporary_folder
-from depthcli.io.stored.metadata import anchor_fields, origin_fields
-from depthcli.known.points import AnchorPoints
+from depthcli.io.stored.metadata import known_depth_fields, origin_fields
+from depthcli.known.points import KnownDepth
 
 Target: TypeAlias = Path | BinaryIO
 """Where an output goes: a file, which a guard has checked, or a stream."""
@@ -37,7 +37,7 @@ class ImageTask(NamedTuple):
 
     frame: Frame
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of its camera
-    points: AnchorPoints | None = None  #: its known depth; None if it has none
+    points: KnownDepth | None = None  #: its known depth; None if it has none
     outputs: Mapping[Format, Target] = {}  #: target of each format; none to keep the map alone
 
 
@@ -146,7 +146,7 @@ def depth_facts(depth: DepthMap) -> dict[str, Any]:
         "width": depth.width,
         "height": depth.height,
         **origin_fields(depth),
-        **anchor_fields(depth),
+        **known_depth_fields(depth),
     }
 
 

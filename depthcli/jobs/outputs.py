@@ -22,8 +22,8 @@ from depthcli.video.numbering import base_name, is_pattern
 
 if TYPE_CHECKING:
     from depthcli.core.types import Frame
-    from depthcli.known.files import AnchorFiles
-    from depthcli.known.points import AnchorPoints
+    from depthcli.known.files import KnownDepthFiles
+    from depthcli.known.points import KnownDepth
     from depthcli.video.formats import VideoFormat
 
 STDIO = "-"
@@ -36,9 +36,9 @@ class MapOptions:
 
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
-    anchors: AnchorFiles | tuple[Anchor, ...] = ()  #: known depth, or where files have it
+    anchors: KnownDepthFiles | tuple[Anchor, ...] = ()  #: known depth, or where files have it
     #: how depth is fitted to that; None for the best that the model can
-    anchors_fit: options.AnchorsFit | None = None
+    anchors_fit: options.KnownDepthFit | None = None
     reading: options.ReadOptions = options.AS_STATED  #: how images are read
     #: how depth becomes that of a full-size image
     detail: options.UpsamplingOptions = options.DEFAULT_UPSAMPLING
@@ -47,23 +47,21 @@ class MapOptions:
     @property
     def takes_known_depth(self) -> bool:
         """Whether a network may get known depth."""
-        return bool(self.anchors) and self.anchors_fit in {None, options.AnchorsFit.NETWORK}
+        return bool(self.anchors) and self.anchors_fit in {None, options.KnownDepthFit.NETWORK}
 
-    def known_points(self, image: Path | None = None) -> AnchorPoints | None:
+    def known_points(self, image: Path | None = None) -> KnownDepth | None:
         """The known depth of an image that is listed, in one file for all, or found by its name.
 
         None if there is none for any; InputError if it cannot be read.
         """
-        from depthcli.known.points import AnchorPoints  # noqa: PLC0415 - needs numpy
+        from depthcli.known.points import KnownDepth  # noqa: PLC0415 - needs numpy
         from depthcli.known.sources import read_known_depth  # noqa: PLC0415
 
         source = self.anchors
         if not source:
             return None
         points = (
-            AnchorPoints.of(source)
-            if isinstance(source, tuple)
-            else read_known_depth(source, image)
+            KnownDepth.of(source) if isinstance(source, tuple) else read_known_depth(source, image)
         )
         return replace(points, fit=self.anchors_fit)
 

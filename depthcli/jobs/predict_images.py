@@ -18,7 +18,7 @@ from depthcli.io.guard import Guard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.image import FailedInput, ImageJob, ImageTask, Target, failure_reason
 from depthcli.jobs.outputs import MapOptions, OutputPlan
-from depthcli.known.files import AnchorFiles
+from depthcli.known.files import KnownDepthFiles
 
 if TYPE_CHECKING:
     from typing import BinaryIO
@@ -49,14 +49,16 @@ def predict_images(
     ``stdout`` takes the outputs in place of files; ``stdin`` is read where a plan has no source.
     """
     anchors = options.anchors
-    is_by_image = isinstance(anchors, AnchorFiles) and anchors.is_by_image
+    is_by_image = isinstance(anchors, KnownDepthFiles) and anchors.is_by_image
     try:
         points = None if is_by_image else options.known_points()
     except InputError as error:
         raise UsageError(error.message, option="anchors") from error
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)  # imported while the model loads
-    shared = [path_of(anchors.path)] if isinstance(anchors, AnchorFiles) and not is_by_image else []
+    shared = (
+        [path_of(anchors.path)] if isinstance(anchors, KnownDepthFiles) and not is_by_image else []
+    )
     inputs = [*shared, *(plan.source for plan in plans if plan.source is not None)]
     guard = Guard.of(inputs, overwrite=overwrite)
     for plan in plans:

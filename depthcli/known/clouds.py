@@ -20,7 +20,7 @@ from depthcli.io.images.pixels import upright_places
 from depthcli.io.images.tiff import parse_exif
 from depthcli.io.storage.paths import read_bytes
 from depthcli.known.extrinsics import rotation
-from depthcli.known.points import AnchorPoints
+from depthcli.known.points import KnownDepth
 
 _MAX_PX = 1e6  # columns and rows; points farther off the axis are in no image
 _Values = Float64Array
@@ -54,7 +54,7 @@ def _of_pcd(data: bytes) -> _Values:
     return np.stack([cloud.pc_data[axis] for axis in "xyz"], axis=-1).astype(np.float64)
 
 
-def projected(cloud_m: _Values, camera: Intrinsics) -> AnchorPoints:
+def projected(cloud_m: _Values, camera: Intrinsics) -> KnownDepth:
     """Points (N, 3) of a camera's axes, x to the right, y down and z forward, in its image.
 
     Of several points in a pixel, the nearest counts. Points that are not finite, behind the camera
@@ -80,7 +80,7 @@ def projected(cloud_m: _Values, camera: Intrinsics) -> AnchorPoints:
     lost = len(cloud_m) - int(is_near.sum())
     told = f"{lost} of {len(cloud_m)} points are behind the camera, far outside or not finite"
     warnings = (f"{told}, and are not used",) if lost else ()
-    return AnchorPoints(x, y, seen_m[chosen], camera.size_px, warnings, may_be_outside=True)
+    return KnownDepth(x, y, seen_m[chosen], camera.size_px, warnings, may_be_outside=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,7 @@ class _Reconstruction:
 
 def read_reconstruction(
     files: tuple[Path, ...], image: Path, units_per_m: float | None
-) -> AnchorPoints:
+) -> KnownDepth:
     """The points that were seen in an image, whose path ends in one that the files state.
 
     These are of cameras, images and points, binary or text; without ``units_per_m`` in their unit.
@@ -131,7 +131,7 @@ def read_reconstruction(
     lost = len(rows) - int(is_before.sum())
     behind = f"{lost} of {len(rows)} points are behind the camera and are not used"
     warnings = (unit,) * (units_per_m is None) + (behind,) * (lost > 0)
-    return AnchorPoints(x, y, depth_m[is_before], size_px, warnings)
+    return KnownDepth(x, y, depth_m[is_before], size_px, warnings)
 
 
 def _as_shown(

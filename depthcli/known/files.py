@@ -27,7 +27,7 @@ ALTERNATIVES = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 
 
 @dataclass(frozen=True)
-class AnchorFiles:
+class KnownDepthFiles:
     """A file with known depth, a folder of such files or of COLMAP's, or the images themselves."""
 
     path: str  #: the file, the folder, or ``SELF``

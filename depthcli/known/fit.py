@@ -13,7 +13,7 @@ from depthcli.core.arrays import (
     Int64Array,
 )
 from depthcli.core.camera import Anchor
-from depthcli.core.options import AnchorsFit
+from depthcli.core.options import KnownDepthFit
 from depthcli.core.types import (
     AnchorFit,
     DepthKind,
@@ -24,7 +24,7 @@ from depthcli.core.types import (
 )
 from depthcli.errors import InputError, UsageError
 from depthcli.known.local_correction import log_correction
-from depthcli.known.points import AnchorPoints, pixels_of
+from depthcli.known.points import KnownDepth, pixels_of
 
 _STEPS = 50
 _NORMAL = 1.4826  # standard deviation over median absolute deviation, of a normal distribution
@@ -132,9 +132,9 @@ _GRID_COLUMNS, _ROWS, _SPREAD_CELLS = 6, 4, 12
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what overflows is no depth
-def fit_anchors(
+def fit_known_depth(
     depth: DepthMap,
-    points: Sequence[Anchor] | AnchorPoints,
+    points: Sequence[Anchor] | KnownDepth,
     windows: Windows | None = None,
     *,
     followed: BoolArray | None = None,
@@ -161,7 +161,7 @@ def fit_anchors(
         A metric map of the same size, with the points and the fit in its provenance; NaN where the
         fit puts a pixel at or behind the camera.
     """
-    points = points if isinstance(points, AnchorPoints) else AnchorPoints.of(points)
+    points = points if isinstance(points, KnownDepth) else KnownDepth.of(points)
     shown = displayed_depth(depth, windows)
     given = len(points)
     inside = points.within(shown.width, shown.height)
@@ -169,7 +169,7 @@ def fit_anchors(
     known = _known(inside, values, depth.kind)
     points = inside.where(known)
     if followed is not None:
-        result, used, how = depth, followed[known], AnchorsFit.NETWORK
+        result, used, how = depth, followed[known], KnownDepthFit.NETWORK
     else:
         result, used, how = _followed(depth, points, values[known], windows)
     fitted_m = displayed_depth(result, windows).values[points.y, points.x]
@@ -185,36 +185,36 @@ def fit_anchors(
 
 
 def _followed(
-    depth: DepthMap, points: AnchorPoints, values: _Values, windows: Windows | None
-) -> tuple[DepthMap, BoolArray, AnchorsFit]:
+    depth: DepthMap, points: KnownDepth, values: _Values, windows: Windows | None
+) -> tuple[DepthMap, BoolArray, KnownDepthFit]:
     """Fitted depth, which points it follows, and how; ``values`` are its own at the points."""
     shown, inverse = displayed_depth(depth, windows), depth.kind is DepthKind.INVERSE
     wanted = 1 / points.depth_m if inverse else points.depth_m
     fit, used = _fit(values, wanted, depth.kind, _cells_of(points, shown.width, shown.height))
     if (values[used] * fit.scale + fit.shift <= 0).any():
         raise UsageError(
-            "the fit puts an anchor at or behind the camera; check the depths of the anchors"
+            "the fit puts a known point at or behind the camera; check the known depth"
         )
     fitted = depth.values * np.float32(fit.scale) + np.float32(fit.shift)
     if inverse:
         fitted = np.float32(1) / fitted
     fitted = np.where(depth.valid & has_depth(fitted), fitted, np.float32(np.nan))
-    how = AnchorsFit.GLOBAL
-    if len(used) >= ROBUST_FROM and points.fit is not AnchorsFit.GLOBAL:
+    how = KnownDepthFit.GLOBAL
+    if len(used) >= ROBUST_FROM and points.fit is not KnownDepthFit.GLOBAL:
         log_m, (x, y) = np.log(fitted), pixels_of(points, windows)
         at = np.stack([(y + 0.5) / depth.height, (x + 0.5) / depth.width, log_m[y, x]])
         fitted = fitted * np.exp(log_correction(log_m, at, points.depth_m, used))
-        how = AnchorsFit.LOCAL
+        how = KnownDepthFit.LOCAL
     return DepthMap(fitted, DepthKind.METRIC), used, how
 
 
 def fitted(
     depth: DepthMap,
-    points: AnchorPoints | None,
+    points: KnownDepth | None,
     windows: Windows | None = None,
     followed: BoolArray | None = None,
 ) -> tuple[DepthMap, tuple[str, ...]]:
-    """Depth of one of several images, by :func:`fit_anchors`, and warnings about it.
+    """Depth of one of several images, by :func:`fit_known_depth`, and warnings about it.
 
     Depth is unchanged without points.
 
@@ -226,7 +226,7 @@ def fitted(
     if not points and points.warnings:  # about an image that has none of its own
         return depth, points.warnings
     try:
-        return fit_anchors(depth, points, windows, followed=followed)
+        return fit_known_depth(depth, points, windows, followed=followed)
     except UsageError as error:
         raise InputError(str(error)) from error
 
@@ -241,17 +241,19 @@ def _lost(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:
     return (f"{lost} pixels ({share}) are {where} after the fit and have no depth",)
 
 
-def _known(points: AnchorPoints, values: _Values, kind: DepthKind) -> BoolArray:
+def _known(points: KnownDepth, values: _Values, kind: DepthKind) -> BoolArray:
     """At which points the map has a value: (N,) bool."""
     known = has_depth(values, kind)
     if len(points) >= ROBUST_FROM and known.any():
         return known
     for at in np.flatnonzero(~known)[:1]:
-        raise UsageError(f"anchor {points.x[at]},{points.y[at]} has no depth; choose another pixel")
+        raise UsageError(
+            f"the map has no depth at {points.x[at]},{points.y[at]}; choose another pixel"
+        )
     return known
 
 
-def _cells_of(points: AnchorPoints, width: int, height: int) -> Int64Array:
+def _cells_of(points: KnownDepth, width: int, height: int) -> Int64Array:
     """In which cell of a coarse grid over the picture each point is: (N,)."""
     return points.y * _ROWS // height * _GRID_COLUMNS + points.x * _GRID_COLUMNS // width
 
@@ -267,8 +269,8 @@ def _fit(
     if len(values) == 1:
         if values[0] <= 0:
             raise UsageError(
-                f"the anchor's own value in the map is {values[0]:g}, not above 0, so it fits no "
-                "scale; give two anchors"
+                f"the map's value at the known point is {values[0]:g}, not above 0, so it fits no "
+                "scale; give two points"
             )
         return ScaleShift(float(wanted[0] / values[0]), 0.0), used
     if kind is DepthKind.METRIC:
@@ -277,7 +279,9 @@ def _fit(
     elif np.ptp(values) > 0:
         pairs = Pairs(values, wanted, np.ones_like(values))
     else:
-        raise UsageError("all anchors have the same depth in the map; spread them over the scene")
+        raise UsageError(
+            "all known points have the same depth in the map; spread them over the scene"
+        )
     if len(values) < ROBUST_FROM:
         fit = least_squares(pairs)
     else:
@@ -288,5 +292,5 @@ def _fit(
             # Points of a region agree with each other, whatever the shift.
             fit = least_squares(pairs, weights * min(1.0, count / weights.sum()))
     if not 0 < fit.scale < math.inf:
-        raise UsageError("the anchors contradict the map's order of near and far; check them")
+        raise UsageError("the known points contradict the map's order of near and far")
     return fit, used

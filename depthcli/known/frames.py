@@ -14,12 +14,12 @@ from threading import Lock
 import numpy as np
 
 from depthcli.core.camera import Anchor
-from depthcli.core.options import AnchorsFit, Rule
+from depthcli.core.options import KnownDepthFit, Rule
 from depthcli.errors import InputError
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.tables import CsvTable
-from depthcli.known.files import SUFFIXES, AnchorFiles
-from depthcli.known.points import AnchorPoints
+from depthcli.known.files import SUFFIXES, KnownDepthFiles
+from depthcli.known.points import KnownDepth
 from depthcli.known.sources import COLUMNS, numbers_of, read_file, read_known_depth
 from depthcli.video.numbering import times_ns
 
@@ -30,10 +30,10 @@ _RULES = {
     _FRAME: Rule("the number of a frame", lambda n: 0 <= n < 1e12 and n == int(n)),  # noqa: PLR2004
     _TIME_S: Rule("seconds from the first frame", lambda s: abs(s) < 1e9),  # noqa: PLR2004
 }
-_Points = AnchorPoints | Path
+_Points = KnownDepth | Path
 
 
-class FrameAnchors:
+class KnownDepthOfFrames:
     """Known depth of each frame of a video; thread-safe.
 
     A folder has a file for each frame, whose name ends in the number of the frame. A table has a
@@ -45,8 +45,8 @@ class FrameAnchors:
 
     def __init__(
         self,
-        stated: AnchorFiles | tuple[Anchor, ...],
-        fit: AnchorsFit | None = None,
+        stated: KnownDepthFiles | tuple[Anchor, ...],
+        fit: KnownDepthFit | None = None,
         within_s: float | None = None,
     ) -> None:
         """List the folder, or read the file; there may be neither.
@@ -55,13 +55,13 @@ class FrameAnchors:
         """
         self._stated, self._fit, self._within_s = stated, fit, within_s
         self.paths = list[Path]()
-        self._of_all: AnchorPoints | None = None
+        self._of_all: KnownDepth | None = None
         self._each: Mapping[float, _Points] = {}
         self._is_timed = False
         self._read = lru_cache(maxsize=2)(read_file)
         self._reading = defaultdict[Path, Lock](Lock)
         if isinstance(stated, tuple):
-            self._of_all = AnchorPoints.of(stated) if stated else None
+            self._of_all = KnownDepth.of(stated) if stated else None
             return
         path = path_of(stated.path)
         self.paths = [path]
@@ -77,7 +77,7 @@ class FrameAnchors:
 
     def of_frame(
         self, number: int, time_s: float, rate: float, numbers_a_second: float | None = None
-    ) -> AnchorPoints | None:
+    ) -> KnownDepth | None:
         """The points of a frame of a video of ``rate`` frames a second; None if it has none.
 
         ``numbers_a_second`` is of images that are numbered by their times.
@@ -90,17 +90,17 @@ class FrameAnchors:
             within_s = 0.5 / rate if self._within_s is None else self._within_s
             within = within_s if self._is_timed else within_s * (numbers_a_second or rate)
             found = self._each[nearest] if abs(nearest - at) <= within else None
-        if isinstance(found, Path) and isinstance(self._stated, AnchorFiles):
+        if isinstance(found, Path) and isinstance(self._stated, KnownDepthFiles):
             with self._reading[found]:  # once for all frames near a scan
                 found = self._read(found, self._stated)
-        return replace(found, fit=self._fit) if isinstance(found, AnchorPoints) else None
+        return replace(found, fit=self._fit) if isinstance(found, KnownDepth) else None
 
     def states(self) -> list[object]:
         """What the depth of the frames depends on, for a fingerprint."""
         files = [(str(p), p.stat().st_size, p.stat().st_mtime_ns) for p in self.paths]
         return [self._stated, self._fit, self._within_s, files]
 
-    def _read_table(self, path: Path, stated: AnchorFiles) -> None:
+    def _read_table(self, path: Path, stated: KnownDepthFiles) -> None:
         table = CsvTable(read_bytes(path), str(path))
         key = next((name for name in _RULES if name in table.columns), None)
         if key is None:
@@ -109,7 +109,7 @@ class FrameAnchors:
         rows = numbers_of(table, {key: _RULES[key], **COLUMNS})
         self._is_timed = key == _TIME_S
         self._each = {
-            float(at): AnchorPoints.of_table(rows[rows[:, 0] == at, 1:])
+            float(at): KnownDepth.of_table(rows[rows[:, 0] == at, 1:])
             for at in np.unique(rows[:, 0])
         }
 

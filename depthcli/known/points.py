@@ -15,7 +15,7 @@ from depthcli.core.arrays import (
     Int64Array,
 )
 from depthcli.core.camera import DEPTH_M, DEPTH_M_RANGE, Anchor
-from depthcli.core.options import AnchorsFit
+from depthcli.core.options import KnownDepthFit
 from depthcli.core.types import (
     Windows,
     doubt_of_metres,
@@ -29,7 +29,7 @@ _SAME_ASPECT = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AnchorPoints:
+class KnownDepth:
     """Pixels of known depth."""
 
     x: Int64Array  #: (N,), columns from 0 at the left
@@ -37,7 +37,7 @@ class AnchorPoints:
     depth_m: Float64Array  #: (N,), metres along the camera axis
     size_px: tuple[int, int] | None = None  #: (columns, rows) of their map; None for a list
     warnings: tuple[str, ...] = ()  #: about their file, or why it has none, one line each
-    fit: AnchorsFit | None = None  #: how depth is fitted; None for the best that the model can
+    fit: KnownDepthFit | None = None  #: how depth is fitted; None for the best that the model can
     may_be_outside: bool = False  #: whether most can be outside the image, as those of a lidar
 
     @classmethod
@@ -101,11 +101,11 @@ class AnchorPoints:
         scaled to the image.
         """
         if not len(self):
-            raise UsageError("there are no anchors to fit the map to")
+            raise UsageError("there are no known points to fit the map to")
         lowest, highest = DEPTH_M_RANGE
         for at in np.flatnonzero(~((self.depth_m >= lowest) & (self.depth_m <= highest)))[:1]:
             raise UsageError(
-                f"anchor {self.x[at]},{self.y[at]} has a depth of {self.depth_m[at]:g} m; give "
+                f"the point {self.x[at]},{self.y[at]} has a depth of {self.depth_m[at]:g} m; give "
                 f"{DEPTH_M.what}"
             )
         points = self._scaled(width, height)
@@ -113,7 +113,7 @@ class AnchorPoints:
         outside = int(np.count_nonzero(~inside))
         if not outside:
             return points
-        told = f"{outside} of {len(self)} anchors are outside the image of {width}×{height}"
+        told = f"{outside} of {len(self)} known points are outside the image of {width}×{height}"
         if outside == len(self) or (2 * outside > len(self) and not self.may_be_outside):
             raise UsageError(f"{told}; give columns and rows of the upright image")
         return replace(points.where(inside), warnings=(*self.warnings, f"{told} and are not used"))
@@ -137,7 +137,7 @@ class AnchorPoints:
         return replace(self, x=x, y=y, size_px=(width, height))
 
 
-def pixels_of(points: AnchorPoints, windows: Windows | None) -> tuple[Int64Array, Int64Array]:
+def pixels_of(points: KnownDepth, windows: Windows | None) -> tuple[Int64Array, Int64Array]:
     """Columns and rows of points of the display window, in the pixels of the file: (N,) each."""
     rows, columns = windows.display.within(windows.pixels) if windows else (slice(0), slice(0))
     return points.x + (columns.start or 0), points.y + (rows.start or 0)

@@ -18,15 +18,15 @@ from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.io.tables import CsvTable
 from depthcli.known.clouds import projected, read_cloud, read_reconstruction
 from depthcli.known.extrinsics import read_extrinsics
-from depthcli.known.files import ALTERNATIVES, CLOUDS, SUFFIXES, AnchorFiles
-from depthcli.known.points import AnchorPoints
+from depthcli.known.files import ALTERNATIVES, CLOUDS, SUFFIXES, KnownDepthFiles
+from depthcli.known.points import KnownDepth
 
 _PLACE_PX = Rule("a pixel from 0 at the top left", lambda px: abs(px) < 1e9)  # noqa: PLR2004
 _DEPTH = Rule("a number", lambda _: True)  # those that are no depth are left out and counted
 COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": _DEPTH}  #: of a table
 
 
-def read_known_depth(files: AnchorFiles, image: Path | None = None) -> AnchorPoints:
+def read_known_depth(files: KnownDepthFiles, image: Path | None = None) -> KnownDepth:
     """Depth of a file, or within an image or of its reconstruction; none without metres."""
     path = path_of(files.path)
     if not files.is_by_image and path.suffix.lower() not in SUFFIXES:
@@ -40,7 +40,7 @@ def read_known_depth(files: AnchorFiles, image: Path | None = None) -> AnchorPoi
     return _of_phone(image, files.camera)
 
 
-def read_file(path: Path, stated: AnchorFiles) -> AnchorPoints:
+def read_file(path: Path, stated: KnownDepthFiles) -> KnownDepth:
     """The points of a CSV table, a cloud, or a sparse depth map of a stated scale and kind."""
     suffix = path.suffix.lower()
     if suffix == ".csv" and (stated.scale or stated.kind):
@@ -50,7 +50,7 @@ def read_file(path: Path, stated: AnchorFiles) -> AnchorPoints:
     if suffix in CLOUDS or (suffix == ".bin" and not COLMAP_MAP.match(read_bytes(path))):
         return _of_cloud(path, stated)
     if suffix == ".csv":
-        return AnchorPoints.of_table(numbers_of(CsvTable(read_bytes(path), str(path)), COLUMNS))
+        return KnownDepth.of_table(numbers_of(CsvTable(read_bytes(path), str(path)), COLUMNS))
     options = DepthReadOptions(
         stated.scale, stated.kind, camera=stated.camera, baseline_m=stated.baseline_m
     )
@@ -61,13 +61,13 @@ def read_file(path: Path, stated: AnchorFiles) -> AnchorPoints:
     depth = found.displayed
     if not depth.is_metric:
         raise InputError(f"{path} holds {depth.kind} depth, which has no metres")
-    points = AnchorPoints.of_map(depth.values)
+    points = KnownDepth.of_map(depth.values)
     if not len(points):
         raise InputError(f"{path} has no pixel with depth")
     return replace(points, warnings=found.warnings_with_scale("anchors_scale"))
 
 
-def _of_cloud(path: Path, stated: AnchorFiles) -> AnchorPoints:
+def _of_cloud(path: Path, stated: KnownDepthFiles) -> KnownDepth:
 
     if stated.kind:
         raise InputError(f"{path} has points in three dimensions", "remove {anchors_kind}")
@@ -82,14 +82,14 @@ def _of_cloud(path: Path, stated: AnchorFiles) -> AnchorPoints:
     return points if stated.scale else points.doubted("{anchors_scale} states another")
 
 
-def _of_phone(image: Path, camera: Intrinsics) -> AnchorPoints:
+def _of_phone(image: Path, camera: Intrinsics) -> KnownDepth:
 
     found = read_embedded_depth(image, DepthReadOptions(camera=camera))
     if found is None or not found.depth.is_metric:
         kind = "no depth" if found is None else "relative depth, which has no metres,"
         warning = f"{image} has {kind} of its own, so it is not fitted to any"
-        return replace(AnchorPoints.of(()), warnings=(warning,))
-    points = AnchorPoints.of_map(found.depth.values)
+        return replace(KnownDepth.of(()), warnings=(warning,))
+    points = KnownDepth.of_map(found.depth.values)
     if not len(points):
         raise InputError(f"{image} has no pixel with depth of its own")
     warnings = found.warnings or (f"{image}: its own depth is in metres",)

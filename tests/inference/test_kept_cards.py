@@ -18,7 +18,7 @@ from depthcli.inference.camera import metric_scale
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.inference.transforms import coarse_depth, prepare, prompt_input
-from depthcli.known.points import AnchorPoints
+from depthcli.known.points import KnownDepth
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import Model, ready_fields, ready_names
 
@@ -42,14 +42,14 @@ def opened(name: str) -> tuple[Session, Frame, Mapping[str, npt.NDArray[np.float
     return Session(model, provider="cpu"), Frame(kept["picture"]), kept
 
 
-def known_points(kept: Mapping[str, npt.NDArray[np.float32]], frame: Frame) -> AnchorPoints | None:
+def known_points(kept: Mapping[str, npt.NDArray[np.float32]], frame: Frame) -> KnownDepth | None:
     """Points at the centres of the pixels of known depth, a map of the whole picture."""
     if "known" not in kept:
         return None
     depth_m = kept["known"]
     (y, x), (rows, columns) = np.indices(depth_m.shape), depth_m.shape
     at = (x + 0.5) * frame.width / columns - 0.5, (y + 0.5) * frame.height / rows - 0.5
-    return AnchorPoints.of_table(np.stack([*at, depth_m], axis=-1).reshape(-1, 3))
+    return KnownDepth.of_table(np.stack([*at, depth_m], axis=-1).reshape(-1, 3))
 
 
 def assert_same(ours: npt.NDArray[np.float32], theirs: npt.NDArray[np.float32]) -> None:

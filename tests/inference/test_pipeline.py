@@ -23,15 +23,15 @@ from helpers.tiny import (
 from onnx import TensorProto, helper, numpy_helper
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, CameraSource, Intrinsics
-from depthcli.core.options import AnchorsFit, DepthMask, UpsamplingOptions
+from depthcli.core.options import DepthMask, KnownDepthFit, UpsamplingOptions
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.pipeline import Pipeline, Prediction, _range_warnings
-from depthcli.inference.points import depth_of_points
+from depthcli.inference.point_map import depth_of_points
 from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import coarse_depth, input_layout
 from depthcli.inference.trial import depth_for_trial, try_session
-from depthcli.known.points import AnchorPoints
+from depthcli.known.points import KnownDepth
 from depthcli.models.catalog import find_model
 
 
@@ -145,7 +145,7 @@ def predicted(
     pipeline: Pipeline,
     frames: Sequence[Frame],
     cameras: Sequence[Intrinsics] = (),
-    anchors: Sequence[AnchorPoints | None] = (),
+    anchors: Sequence[KnownDepth | None] = (),
 ) -> list[DepthMap]:
     found = pipeline.predict_many(frames, cameras, anchors)
     assert all(isinstance(one, Prediction) for one in found)
@@ -168,7 +168,7 @@ def test_many_pictures_give_what_each_gives_alone(kinect: Pipeline) -> None:
 def test_each_image_has_its_own_camera_and_anchors(kinect: Pipeline) -> None:
     frames = [Frame(np.full((24, 32), value, np.uint8)) for value in (90, 120, 150)]
     cameras = (Intrinsics(40.0), UNKNOWN_CAMERA, Intrinsics(hfov_deg=50.0))
-    anchors = (None, AnchorPoints.of([Anchor(3, 4, 2.5)]), None)
+    anchors = (None, KnownDepth.of([Anchor(3, 4, 2.5)]), None)
     together = predicted(kinect, frames, cameras, anchors)
     for depth, *one in zip(together, frames, cameras, anchors, strict=True):
         alone = kinect.predict(*one).depth
@@ -178,7 +178,7 @@ def test_each_image_has_its_own_camera_and_anchors(kinect: Pipeline) -> None:
 
 
 def test_an_image_that_fails_does_not_stop_the_others_of_its_batch(kinect: Pipeline) -> None:
-    outside = AnchorPoints.of([Anchor(900, 4, 2.5)])
+    outside = KnownDepth.of([Anchor(900, 4, 2.5)])
     good, bad = kinect.predict_many([gray(90), gray(90)], anchors=[None, outside])
     assert isinstance(good, Prediction)
     assert isinstance(bad, InputError)
@@ -244,8 +244,8 @@ def prompted(tmp_path: Path) -> Pipeline:
 
 def test_known_depth_is_an_input_of_a_model_that_takes_it(prompted: Pipeline) -> None:
     """The relief of its map is then that of the points, beyond the range of the model alone."""
-    points = AnchorPoints(np.arange(0, 40, 8), np.arange(0, 30, 6), np.full(5, 40.0))
-    known = [None, replace(points, fit=AnchorsFit.LOCAL), points]
+    points = KnownDepth(np.arange(0, 40, 8), np.arange(0, 30, 6), np.full(5, 40.0))
+    known = [None, replace(points, fit=KnownDepthFit.LOCAL), points]
     found = prompted.predict_many([gray(0)] * 3, anchors=known)
     reliefs = [np.ptp(np.log(one.depth.values)) for one in found]
     assert reliefs[0] == pytest.approx(0, abs=1e-4)
@@ -257,9 +257,9 @@ def test_from_two_points_on_another_network_takes_them(
     prompted: Pipeline, kinect: Pipeline
 ) -> None:
     kinect.session.load_known_depth = lambda: prompted.session
-    many = AnchorPoints(np.arange(0, 50, 8), np.arange(0, 42, 6), np.full(7, 2.0))
+    many = KnownDepth(np.arange(0, 50, 8), np.arange(0, 42, 6), np.full(7, 2.0))
     two, one = (replace(many, x=many.x[:n], y=many.y[:n], depth_m=many.depth_m[:n]) for n in (2, 1))
-    known = [None, one, two, many, replace(many, fit=AnchorsFit.LOCAL)]
+    known = [None, one, two, many, replace(many, fit=KnownDepthFit.LOCAL)]
     sources = [
         one.depth.provenance for one in kinect.predict_many([gray(0, 48, 64)] * 5, anchors=known)
     ]
@@ -274,24 +274,24 @@ def test_depth_of_a_network_follows_few_points_as_that_makes_it(prompted: Pipeli
     x, y = np.arange(5, 10), np.arange(5, 10)
     away_m = []
     for count in (4, 5):
-        points = AnchorPoints(x[:count], y[:count], np.full(count, 2.0))
+        points = KnownDepth(x[:count], y[:count], np.full(count, 2.0))
         away_m.append(prompted.predict(gray(0, 48, 64), anchors=points).depth.values[30, 5])
     assert away_m[0] == pytest.approx(1, rel=0.01)
     assert away_m[1] > 1.02
 
 
-@pytest.mark.parametrize("fit", [AnchorsFit.GLOBAL, AnchorsFit.LOCAL, AnchorsFit.NETWORK])
+@pytest.mark.parametrize("fit", [KnownDepthFit.GLOBAL, KnownDepthFit.LOCAL, KnownDepthFit.NETWORK])
 def test_fit_chooses_how_depth_follows(
-    prompted: Pipeline, kinect: Pipeline, fit: AnchorsFit
+    prompted: Pipeline, kinect: Pipeline, fit: KnownDepthFit
 ) -> None:
     pixels = synthetic_picture()
     plain = prompted.predict(Frame(pixels)).depth.values
     x, y = (axis.ravel() for axis in np.meshgrid(np.arange(0, 64, 6), np.arange(0, 48, 6)))
     known_m = plain[y, x] * np.where(x < 32, 1.0, 1.3)
-    points = replace(AnchorPoints(x, y, known_m.astype(np.float64)), fit=fit)
+    points = replace(KnownDepth(x, y, known_m.astype(np.float64)), fit=fit)
     ratio = prompted.predict(Frame(pixels), anchors=points).depth.values / plain
-    assert (ratio[:, 50:].mean() / ratio[:, 8:14].mean() > 1.2) == (fit is not AnchorsFit.GLOBAL)
-    with pytest.raises(InputError) if fit is AnchorsFit.NETWORK else nullcontext():
+    assert (ratio[:, 50:].mean() / ratio[:, 8:14].mean() > 1.2) == (fit is not KnownDepthFit.GLOBAL)
+    with pytest.raises(InputError) if fit is KnownDepthFit.NETWORK else nullcontext():
         kinect.predict(Frame(pixels), anchors=points)
 
 
@@ -307,7 +307,7 @@ def test_a_network_that_needs_known_depth_gets_it_everywhere(needing: Pipeline) 
     """Its map is not fitted once more; a pixel without a point has the depth of the nearest."""
     lidar_m = np.zeros((12, 16))
     lidar_m[:, :2], lidar_m[:, -1] = 2.0, 4.0
-    points = AnchorPoints.of_map(lidar_m)
+    points = KnownDepth.of_map(lidar_m)
     depth = needing.predict(gray(90, 120, 160), anchors=points).depth
     assert depth.provenance.anchor_fit == (36, 36, pytest.approx(0, abs=1e-6), "network")
     np.testing.assert_allclose(depth.values[:, :40], 2.0, rtol=1e-6)
@@ -315,9 +315,9 @@ def test_a_network_that_needs_known_depth_gets_it_everywhere(needing: Pipeline) 
 
 
 def test_a_network_that_needs_known_depth_gives_none_without(needing: Pipeline) -> None:
-    points = AnchorPoints(np.arange(5), np.arange(5), np.full(5, 2.0))
-    one = AnchorPoints(points.x[:1], points.y[:1], points.depth_m[:1])
-    for known in (None, one, replace(points, fit=AnchorsFit.GLOBAL)):
+    points = KnownDepth(np.arange(5), np.arange(5), np.full(5, 2.0))
+    one = KnownDepth(points.x[:1], points.y[:1], points.depth_m[:1])
+    for known in (None, one, replace(points, fit=KnownDepthFit.GLOBAL)):
         with pytest.raises(InputError, match="needs known depth"):
             needing.predict(gray(0), anchors=known)
     tiled = Pipeline(needing.session, UpsamplingOptions(tile_px=20))

@@ -20,7 +20,7 @@ from depthcli.inference.transforms import (
     input_layout,
     prepare,
 )
-from depthcli.known.points import AnchorPoints
+from depthcli.known.points import KnownDepth
 from depthcli.models.card import Colour, Fit, InputSpec, OutputSpec, Resize
 
 
@@ -249,7 +249,7 @@ def test_known_depth_is_the_mean_logarithm_of_each_pixel_of_the_layout() -> None
     random, layout = np.random.default_rng(0), Layout(16, 12, 1, 2, 14, 8)
     x = [*random.integers(0, 40, 60), 0, 39, 40, -1, 5, 5]
     y = [*random.integers(0, 30, 60), 0, 29, 5, 5, 30, -1]
-    points = AnchorPoints(np.array(x), np.array(y), random.uniform(1, 9, 66))
+    points = KnownDepth(np.array(x), np.array(y), random.uniform(1, 9, 66))
     cells: dict[tuple[int, int], list[float]] = {}
     for column, row, depth_m in zip(x[:-4], y[:-4], points.depth_m, strict=False):
         cell = 2 + int((row + 0.5) * 8 / 30), 1 + int((column + 0.5) * 14 / 40)

@@ -19,7 +19,7 @@ from depthcli.io.manifest import Shard
 from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
-from depthcli.known.files import AnchorFiles
+from depthcli.known.files import KnownDepthFiles
 from depthcli.video.depth_video import DepthVideo
 
 TABLE = "id,focal_px,hfov_deg\na,40,\nhall/b.png,,90\n"
@@ -216,7 +216,7 @@ def test_known_depth_of_each_picture_is_seen_by_its_own_camera(tmp_path: Path) -
     for name in ("a", "hall/b"):
         (tmp_path / "known" / f"{name}.ply").write_bytes(cloud.export(file_type="ply"))
     (tmp_path / "in" / "z.png").unlink()
-    options = BatchOptions((Format.NPY,), anchors=AnchorFiles(str(tmp_path / "known")))
+    options = BatchOptions((Format.NPY,), anchors=KnownDepthFiles(str(tmp_path / "known")))
     table = "id,focal_px,cx,cy\na,40,10,12\nhall/b.png,80,11,13\n"
     list(Batch(with_table(tmp_path, table, options=options)))
     for name, (x, y) in {"a": (20, 12), "hall/b": (31, 13)}.items():

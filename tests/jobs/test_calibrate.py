@@ -18,7 +18,7 @@ from depthcli.io.calibration import keep_camera, kept_camera
 from depthcli.io.images.read import read_image
 from depthcli.jobs.calibrate import CalibrationRequest, KnownObject, calibrate
 from depthcli.known.clouds import projected
-from depthcli.known.files import AnchorFiles
+from depthcli.known.files import KnownDepthFiles
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,7 +47,7 @@ def request(pipeline: Pipeline, folder: Path, truth: Truth, images: int = 4) -> 
         np.save(folder / "known" / f"{i}.npy", truth(predicted_m, random).astype(np.float32))
         names.append(str(name))
     return CalibrationRequest(
-        "robot", pipeline, tuple(names), anchors=AnchorFiles(str(folder / "known"))
+        "robot", pipeline, tuple(names), anchors=KnownDepthFiles(str(folder / "known"))
     )
 
 
@@ -162,7 +162,7 @@ def test_doubts_about_known_depth_are_told(pipeline: Pipeline, tmp_path: Path) -
     name = write_picture(tmp_path / "a.png")
     cv2.imwrite(str(tmp_path / "lidar.png"), np.full((48, 64), 256 * 5, np.uint16))
     for scale, count in ((None, 1), (256, 0)):
-        known = AnchorFiles(str(tmp_path / "lidar.png"), scale)
+        known = KnownDepthFiles(str(tmp_path / "lidar.png"), scale)
         done = calibrate(CalibrationRequest("a", pipeline, (str(name),), anchors=known))
         assert len(done.warnings) == count, done.warnings
 
@@ -170,7 +170,7 @@ def test_doubts_about_known_depth_are_told(pipeline: Pipeline, tmp_path: Path) -
 def test_needs_known_depth(pipeline: Pipeline, tmp_path: Path) -> None:
     name = write_picture(tmp_path / "a.png")
     np.save(tmp_path / "a.npy", np.full((48, 64), np.nan, np.float32))
-    known = AnchorFiles(str(tmp_path / "a.npy"))
+    known = KnownDepthFiles(str(tmp_path / "a.npy"))
     with pytest.raises(InputError):
         calibrate(CalibrationRequest("a", pipeline, (str(name),), anchors=known))
 

@@ -20,8 +20,8 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.video.plan import VideoResult, VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.known import frames as known_depth
-from depthcli.known.files import AnchorFiles
-from depthcli.known.points import AnchorPoints
+from depthcli.known.files import KnownDepthFiles
+from depthcli.known.points import KnownDepth
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
 
@@ -39,7 +39,7 @@ def clip(tmp_path: Path) -> Path:
 
 
 def run(clip: Path, loader: SessionLoader, known: object, **settings: object) -> VideoResult:
-    anchors = known if isinstance(known, tuple) else AnchorFiles(str(known))
+    anchors = known if isinstance(known, tuple) else KnownDepthFiles(str(known))
     return video(
         video_request(
             clip,
@@ -111,7 +111,7 @@ def test_a_scan_is_read_once_for_the_frames_near_it(
     (tmp_path / "known/0004.csv").write_text(f"{HEADER}\n5,4,5\n")
     read, count = known_depth.read_file, Counter[str]()
 
-    def counted(path: Path, stated: AnchorFiles) -> AnchorPoints:
+    def counted(path: Path, stated: KnownDepthFiles) -> KnownDepth:
         count[path.stem] += 1
         return read(path, stated)
 
@@ -126,9 +126,9 @@ def test_files_of_two_frames_are_read_at_one_time(
 ) -> None:
     for number in (1, 2):
         (tmp_path / f"{number}.csv").touch()
-    together, points = Barrier(2, timeout=10), AnchorPoints.of([Anchor(5, 4, 4)])
+    together, points = Barrier(2, timeout=10), KnownDepth.of([Anchor(5, 4, 4)])
     monkeypatch.setattr(known_depth, "read_file", lambda *_: together.wait() < 2 and points)
-    anchors = known_depth.FrameAnchors(AnchorFiles(str(tmp_path)))
+    anchors = known_depth.KnownDepthOfFrames(KnownDepthFiles(str(tmp_path)))
     with ThreadPoolExecutor(2) as pool:
         assert all(pool.map(lambda number: anchors.of_frame(number, 0.0, 10.0), (1, 2)))
 
@@ -206,8 +206,8 @@ def test_frames_of_other_extrinsics_are_not_kept(tmp_path: Path) -> None:
     """A run that was stopped to correct them, and resumed."""
     np.array([[3, 0, 0, 1]], "<f4").tofile(tmp_path / "scan.bin")
     pose, camera = tmp_path / "lidar_to_camera.txt", Intrinsics(50, centre_px=(31.5, 23.5))
-    known, states = AnchorFiles(str(tmp_path / "scan.bin"), camera=camera, extrinsics=pose), []
+    known, states = KnownDepthFiles(str(tmp_path / "scan.bin"), camera=camera, extrinsics=pose), []
     for shift in ("0.1", "0.15"):
         pose.write_text(f"0 -1 0 {shift}\n0 0 -1 0\n1 0 0 0\n")
-        states.append(known_depth.FrameAnchors(known).states())
+        states.append(known_depth.KnownDepthOfFrames(known).states())
     assert states[0] != states[1]

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from depthcli.core.camera import Anchor as Point
-from depthcli.core.options import AnchorsFit
+from depthcli.core.options import KnownDepthFit
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.known import local_correction
-from depthcli.known.fit import ERROR_SD, SHIFT_SD, fit_anchors, fitted
-from depthcli.known.points import AnchorPoints
+from depthcli.known.fit import ERROR_SD, SHIFT_SD, fit_known_depth, fitted
+from depthcli.known.points import KnownDepth
 
 RANDOM = np.random.default_rng(3)
 
 
-def fitted_map(depth: DepthMap, points: list[Point] | AnchorPoints) -> DepthMap:
-    return fit_anchors(depth, points)[0]
+def fitted_map(depth: DepthMap, points: list[Point] | KnownDepth) -> DepthMap:
+    return fit_known_depth(depth, points)[0]
 
 
 @pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
@@ -133,7 +133,7 @@ def test_many_points_are_fitted_in_spite_of_wrong_ones(kind: DepthKind) -> None:
     is_wrong = random.random(truth_m.shape) < 0.33
     sensed_m[is_wrong] = random.uniform(9, 14, is_wrong.sum())
     sensed_m[random.random(truth_m.shape) < 0.5] = 0
-    points = AnchorPoints.of_map(sensed_m)
+    points = KnownDepth.of_map(sensed_m)
     found = fitted_map(depth, points)
     assert found.kind is DepthKind.METRIC
     assert np.mean(np.abs(found.values / truth_m - 1) < 0.02) > 0.99
@@ -175,24 +175,24 @@ def test_many_points_need_not_all_have_a_value_in_the_map() -> None:
 def test_many_contradicting_points_are_refused() -> None:
     depth, truth_m = scene(DepthKind.METRIC)
     with pytest.raises(UsageError):
-        fitted_map(depth, AnchorPoints.of_map(10 - truth_m))
+        fitted_map(depth, KnownDepth.of_map(10 - truth_m))
 
 
 def test_a_map_of_another_aspect_fails_its_image_alone() -> None:
     depth, truth_m = scene(DepthKind.METRIC)
     with pytest.raises(InputError):
-        fitted(depth, AnchorPoints.of_map(truth_m[:, 4:]))
+        fitted(depth, KnownDepth.of_map(truth_m[:, 4:]))
     with pytest.raises(InputError):
-        fitted(depth, AnchorPoints.of_map(truth_m * 0))
+        fitted(depth, KnownDepth.of_map(truth_m * 0))
     assert fitted(depth, None) == (depth, ())
 
 
 def test_a_table_is_of_the_nearest_pixels() -> None:
-    points = AnchorPoints.of_table(np.array([[1.4, 2.6, 3.0], [0, 1, 2.5]]))
+    points = KnownDepth.of_table(np.array([[1.4, 2.6, 3.0], [0, 1, 2.5]]))
     assert points.listed() == (Point(1, 3, 3.0), Point(0, 1, 2.5))
-    same = AnchorPoints.of(points.listed())
+    same = KnownDepth.of(points.listed())
     assert same.sha256() == points.sha256()
-    assert same.sha256() != AnchorPoints.of([Point(1, 3, 3.0), Point(0, 1, 2.6)]).sha256()
+    assert same.sha256() != KnownDepth.of([Point(1, 3, 3.0), Point(0, 1, 2.6)]).sha256()
 
 
 @pytest.mark.parametrize("side_px", [8, 40, 160])
@@ -211,7 +211,7 @@ def test_many_points_of_one_wall_do_not_flatten_the_picture(side_px: int) -> Non
             others_y, others_x = elsewhere_y[:others], elsewhere_x[:others]
             fit = fitted_map(
                 depth,
-                AnchorPoints(
+                KnownDepth(
                     np.append(x[:count], others_x),
                     np.append(y[:count], others_y),
                     np.append(seen_m, true_m[others_y, others_x]),
@@ -226,7 +226,7 @@ def test_points_spread_over_the_picture_show_a_shift(count: int) -> None:
     map_m = np.random.default_rng(2).uniform(1, 9, (48, 64)).astype(np.float32)
     x, y = np.array([(7 + 10 * (i % 6), 6 + 12 * (i // 6 * 2)) for i in range(count)]).T
     truth_m = map_m * 1.2 + 0.5
-    fit = fitted_map(DepthMap(map_m), AnchorPoints(x, y, truth_m[y, x].astype(np.float64)))
+    fit = fitted_map(DepthMap(map_m), KnownDepth(x, y, truth_m[y, x].astype(np.float64)))
     assert fit.values == pytest.approx(truth_m, rel=1e-4)
 
 
@@ -245,19 +245,19 @@ def mapped_m() -> np.ndarray:
     return (scene_m() * np.exp(error)).astype(np.float32)
 
 
-def points(count: int, *, noise: float = 0, wrong: float = 0, seed: int = 1) -> AnchorPoints:
+def points(count: int, *, noise: float = 0, wrong: float = 0, seed: int = 1) -> KnownDepth:
     """Points of the scene at random."""
     random = np.random.default_rng(seed)
     x, y = random.integers(0, WIDTH, count), random.integers(0, HEIGHT, count)
     depth_m = scene_m()[y, x] * random.normal(1, noise, count)
     is_wrong = random.random(count) < wrong
     depth_m[is_wrong] *= random.uniform(1.5, 3, is_wrong.sum())
-    return AnchorPoints.of_table(np.stack([x, y, depth_m], axis=1))
+    return KnownDepth.of_table(np.stack([x, y, depth_m], axis=1))
 
 
-def _both(depth: DepthMap, seen: AnchorPoints) -> tuple[DepthMap, DepthMap]:
+def _both(depth: DepthMap, seen: KnownDepth) -> tuple[DepthMap, DepthMap]:
     """The map as it is fitted, and as it follows the points."""
-    return fitted_map(depth, replace(seen, fit=AnchorsFit.GLOBAL)), fitted_map(depth, seen)
+    return fitted_map(depth, replace(seen, fit=KnownDepthFit.GLOBAL)), fitted_map(depth, seen)
 
 
 def abs_rel(depth: DepthMap) -> float:
@@ -296,7 +296,7 @@ def test_depth_far_from_all_points_is_that_of_the_fit() -> None:
     depth = DepthMap(mapped_m(), DepthKind.METRIC)
     seen = points(2000)
     corner = (seen.x < 12) & (seen.y < 12)
-    some = AnchorPoints(seen.x[corner], seen.y[corner], seen.depth_m[corner])
+    some = KnownDepth(seen.x[corner], seen.y[corner], seen.depth_m[corner])
     alone, followed = _both(depth, some)
     changed = np.abs(np.log(followed.values / alone.values))
     assert changed[:, 60:].max() < 0.02
@@ -345,24 +345,24 @@ def test_weight_of_a_point_at_itself_is_known() -> None:
 
 def test_points_outside_are_left_out_and_counted() -> None:
     x, y = np.array([3, 10, 64, 30]), np.array([4, 10, 20, 40])
-    found = AnchorPoints(x, y, np.full(4, 2.0)).within(WIDTH, HEIGHT)
+    found = KnownDepth(x, y, np.full(4, 2.0)).within(WIDTH, HEIGHT)
     assert found.x.tolist() == [3, 10, 30]
     assert "1 of 4" in found.warnings[0]
     depth, warnings = fitted(
-        DepthMap(mapped_m(), DepthKind.METRIC), AnchorPoints(x, y, np.full(4, 2.0))
+        DepthMap(mapped_m(), DepthKind.METRIC), KnownDepth(x, y, np.full(4, 2.0))
     )
     assert depth.provenance.anchor_fit is not None
     assert depth.provenance.anchor_fit.given == 4
     assert warnings == found.warnings
     with pytest.raises(UsageError, match="3 of 4"):
-        AnchorPoints(x + 60, y, np.full(4, 2.0)).within(WIDTH, HEIGHT)
+        KnownDepth(x + 60, y, np.full(4, 2.0)).within(WIDTH, HEIGHT)
 
 
 def test_known_depth_of_another_size_is_scaled() -> None:
     sparse = np.zeros((24, 32), np.float32)
     sparse[0, 0], sparse[23, 31] = 2.0, 3.0
-    found = AnchorPoints.of_map(sparse).within(WIDTH, HEIGHT)
+    found = KnownDepth.of_map(sparse).within(WIDTH, HEIGHT)
     assert found.x.tolist() == [1, 63]
     assert found.y.tolist() == [1, 47]
     with pytest.raises(UsageError, match="aspect"):
-        AnchorPoints.of_map(sparse).within(WIDTH, WIDTH)
+        KnownDepth.of_map(sparse).within(WIDTH, WIDTH)

@@ -139,7 +139,7 @@ def batch(
     engine: EngineOptions,
     model: groups.ModelOptions,
     camera: CamerasOptions,
-    anchors: groups.AnchorOptions,
+    anchors: groups.FitOptions,
     read: groups.ImageOptions,
     detail: groups.MapOptions,
     writing: groups.WritingOptions,

@@ -57,7 +57,7 @@ def calibrate(
     from depthcli.jobs.calibrate import calibrate as measure
 
     seen_by, count = parse.camera(camera), len(images or ())
-    anchors = parse.anchors(truth, seen_by, is_folder=count > 1)
+    anchors = parse.known_depth(truth, seen_by, is_folder=count > 1)
     sources = [truth.pairs is not None, bool(anchors), truth.known_object is not None]
     if sum(sources) != 1:
         raise UsageError("", "give one of {anchor}, {anchors}, {pairs} and {known_object}")

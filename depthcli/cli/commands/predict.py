@@ -39,7 +39,7 @@ def predict(
     output: OutputOptions,
     model: options.ModelOptions,
     camera: options.CameraOptions,
-    anchors: options.AnchorOptions,
+    anchors: options.FitOptions,
     read: options.ImageOptions,
     eye: Eye | None = typer.Option(
         None,

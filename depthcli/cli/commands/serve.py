@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _TOKEN = "DEPTHCLI_TOKEN"  # noqa: S105 - the name of a variable
 _REFUSED = {
-    *({one.name for one in fields(options.AnchorOptions)} - {"anchor", "anchors_fit"}),
+    *({one.name for one in fields(options.FitOptions)} - {"anchor", "anchors_fit"}),
     *(
         {one.name for one in fields(options.CameraOptions)}
         - {"focal_px", "hfov", "centre_px", "camera"}
@@ -117,7 +117,7 @@ def _options(
     *,
     format_: Format = typer.Option(Format.PNG16, "--format"),
     camera: options.CameraOptions,
-    anchors: options.AnchorOptions,
+    anchors: options.FitOptions,
     read: options.ImageOptions,
     detail: options.MapOptions,
     writing: options.WritingOptions,

@@ -136,7 +136,7 @@ class SmoothOptions(groups.MapOptions):
 
 
 @group
-class FrameAnchorOptions(groups.AnchorOptions):
+class FrameFitOptions(groups.FitOptions):
     """Known depth."""
 
     anchors_within: float | None = groups.option(
@@ -159,7 +159,7 @@ def video(
     model: groups.ModelOptions,
     workers: groups.WorkersOption = None,
     camera: groups.CameraOptions,
-    anchors: FrameAnchorOptions,
+    anchors: FrameFitOptions,
     read: groups.ImageOptions,
     detail: SmoothOptions,
     writing: groups.WritingOptions,

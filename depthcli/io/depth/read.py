@@ -18,7 +18,7 @@ def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -
 
     Returns:
         (H, W); NaN where there is no depth. Its provenance is what the file or the sidecar beside
-        it states of model, camera, anchors and orientation.
+        it states of model, camera, known points and orientation.
     """
     path = path_of(path)
     format_ = readable_format(path)

@@ -34,7 +34,7 @@ class SidecarWriter(WriterOptions):
             **found._asdict(),
             "network_size_px": source.input_size_px,
             **metadata.origin_fields(depth),
-            **metadata.anchor_fields(depth),
+            **metadata.known_depth_fields(depth),
         }
         path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", "utf-8")
         return ()

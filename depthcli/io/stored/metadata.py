@@ -12,7 +12,7 @@ from depthcli._version import __version__
 from depthcli.core.arrays import BoolArray, Float32Array, FloatArray, UInt16Array
 from depthcli.core.camera import CameraSource, hfov_deg
 from depthcli.core.imageops import row_bands
-from depthcli.core.options import MILLIMETRES, AnchorsFit, Projection
+from depthcli.core.options import MILLIMETRES, KnownDepthFit, Projection
 from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthMap, Provenance, has_depth
 from depthcli.errors import Message, UsageError
 from depthcli.io.marks import KEY_PREFIX
@@ -43,7 +43,7 @@ def origin_fields(depth: DepthMap) -> dict[str, _Value | None]:
     return {**stated, "camera": camera_text(depth)}
 
 
-def anchor_fields(depth: DepthMap) -> dict[str, dict[str, Any] | None]:
+def known_depth_fields(depth: DepthMap) -> dict[str, dict[str, Any] | None]:
     """Fit to known points for JSON, None without one; with a calibrated camera, also its scale."""
     source = depth.provenance
     fit, scale = source.anchor_fit, source.camera_scale
@@ -52,7 +52,7 @@ def anchor_fields(depth: DepthMap) -> dict[str, dict[str, Any] | None]:
 
 
 def metadata_texts(depth: DepthMap) -> dict[str, str]:
-    """The metadata, the software, a frame's time and the fit to anchors as texts by name.
+    """The metadata, the software, a frame's time and the fit to known points as texts by name.
 
     What is unknown is left out, and the shape of square pixels. The unit of a map without one is
     ``none``.
@@ -83,7 +83,7 @@ def _value_text(value: _Value) -> str:
 
 
 def camera_text(depth: DepthMap) -> str | None:
-    """The camera that a map's metres are for, its source, and use of anchors; None if unknown."""
+    """The camera of a map's metres, its source, and the fit to known points; None if unknown."""
     source = depth.provenance
     fitted = _fit_text(source.anchor_fit) if source.anchor_fit else ""
     if source.projection.is_other:
@@ -100,7 +100,7 @@ def camera_text(depth: DepthMap) -> str | None:
 def _fit_text(fit: AnchorFit) -> str:
     of_all = "" if fit.used == fit.given else f"{fit.used} of "
     error = f", median error {fit.residual_m:.3f} m" if fit.given > 1 else ""
-    by = " by a network" if fit.fit is AnchorsFit.NETWORK else ""
+    by = " by a network" if fit.fit is KnownDepthFit.NETWORK else ""
     return f"; depth fitted{by} to {of_all}{fit.given} anchor{'s'[: fit.given - 1]}{error}"
 
 
@@ -218,7 +218,7 @@ def _size_px(text: str | None) -> tuple[int, int] | None:
 
 def _anchor_fit(text: str | None) -> AnchorFit | None:
     *_, last = (text or "").split(",")
-    fit = AnchorsFit(last) if last in tuple(AnchorsFit) else None
+    fit = KnownDepthFit(last) if last in tuple(KnownDepthFit) else None
     match _number_list(text and text.removesuffix(f",{fit}")):
         case [float(used), float(given), float(residual_m)] if (
             1 <= used <= given and residual_m >= 0

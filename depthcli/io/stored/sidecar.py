@@ -122,6 +122,6 @@ def _png_scale_texts(fields: Mapping[str, object]) -> dict[str, str]:
 
 
 def _text(value: object) -> str:
-    if isinstance(value, dict):  # of the anchors
+    if isinstance(value, dict):  # of the fit to known points
         value = [value.get(name) for name in AnchorFit._fields]
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -25,7 +25,7 @@ from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.plan import BatchPlan
 from depthcli.jobs.image import failure_reason
 from depthcli.jobs.outputs import Destination, Kind, MapOptions
-from depthcli.known.points import AnchorPoints
+from depthcli.known.points import KnownDepth
 from depthcli.known.sources import read_file
 from depthcli.video.formats import COUNTERPARTS, VideoFormat
 
@@ -38,7 +38,7 @@ class BatchOptions(MapOptions):
     column: str | None = None  #: of archives, the one with the images; None for the only one
     overwrite: bool = False  #: whether outputs may replace files of other programs
 
-    def points_for(self, task: BatchTask) -> AnchorPoints | None:
+    def points_for(self, task: BatchTask) -> KnownDepth | None:
         """The known depth of an image; None if there is none for any, InputError for this one."""
         image, source = path_of(task.input.path), self.anchors
         if isinstance(source, tuple) or source.is_by_image:
@@ -87,7 +87,7 @@ class BatchTask:
         return replace(batch, options_sha256=fingerprint(batch.options_sha256, self.intrinsics))
 
     def reusable_row(
-        self, out: Path, sha256: str, batch: manifest.CacheKey, points: AnchorPoints | None = None
+        self, out: Path, sha256: str, batch: manifest.CacheKey, points: KnownDepth | None = None
     ) -> manifest.ManifestRow | None:
         """The earlier row, if processing the input again would give the same outputs.
 

@@ -22,7 +22,7 @@ from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.inference.trial import check_network
 from depthcli.io.formats.table import Format
-from depthcli.io.manifest import AnchorEntry, CacheKey, output_entry
+from depthcli.io.manifest import CacheKey, KnownDepthEntry, output_entry
 from depthcli.io.media import is_archive
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import local_copy, path_of, read_bytes
@@ -100,7 +100,7 @@ class ImageWorker:
             residual_m = round(fit.residual_m, 6)
             model = None if provenance.model == self.key.model else provenance.model
             checksum = image.points.sha256()
-            anchors = AnchorEntry(fit.given, fit.used, residual_m, checksum, fit.fit, model)
+            anchors = KnownDepthEntry(fit.given, fit.used, residual_m, checksum, fit.fit, model)
         try:
             files = tuple(output_entry(self.out, path) for path in task.outputs.values())
         except Exception as error:  # noqa: BLE001 - no file may stop the others

@@ -20,8 +20,8 @@ from depthcli.io.stored.metadata import dequantized, quantized
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
 from depthcli.jobs.video.plan import VideoSettings
 from depthcli.jobs.video.resume import FrameJournal
-from depthcli.known.frames import FrameAnchors
-from depthcli.known.points import AnchorPoints
+from depthcli.known.frames import KnownDepthOfFrames
+from depthcli.known.points import KnownDepth
 from depthcli.video.numbering import stamps_a_second
 from depthcli.video.outputs import DepthFrame
 
@@ -68,7 +68,7 @@ class FramePredictor:
 
     job: ImageJob  #: the model
     settings: VideoSettings
-    known: FrameAnchors  #: known depth of the frames
+    known: KnownDepthOfFrames  #: known depth of the frames
     journal: FrameJournal  #: frames that an earlier run wrote
     clock: FrameClock
     scale: float | None  #: units per metre to which depth is rounded; None for no rounding
@@ -125,7 +125,7 @@ class FramePredictor:
             raise InputError(problem, "give some for every frame, or another {model}")
         return self._run(image, None), problem
 
-    def _run(self, image: Frame, points: AnchorPoints | None) -> ImageResult:
+    def _run(self, image: Frame, points: KnownDepth | None) -> ImageResult:
         return self.job.run(ImageTask(image, self.settings.camera, points))
 
 

@@ -183,7 +183,7 @@ class VideoResult:
 
     def metadata(self) -> dict[str, object]:
         """The fields of JSON and sidecar that are the same for every run."""
-        from depthcli.io.stored.metadata import anchor_fields, origin_fields  # noqa: PLC0415 - is loaded by now
+        from depthcli.io.stored.metadata import known_depth_fields, origin_fields  # noqa: PLC0415 - is loaded by now
 
         depth = self.depth
         time_code, settings = self.first.time_code, self.plan.settings
@@ -216,7 +216,7 @@ class VideoResult:
             "look_ahead": settings.look_ahead,
             "lock_s": settings.lock_s,
             **origin_fields(depth),
-            **anchor_fields(depth),
+            **known_depth_fields(depth),
         }
 
     def sidecar(self, *, has_times: bool) -> str:

@@ -16,7 +16,7 @@ from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import READABLE
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.video.plan import VideoPlan
-from depthcli.known.frames import FrameAnchors
+from depthcli.known.frames import KnownDepthOfFrames
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frames import FrameSource
 from depthcli.video.numbering import base_name, numbered_name
@@ -118,7 +118,7 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline) -> float | None:
 
 
 def open_journal(
-    plan: VideoPlan, source: FrameSource, pipeline: Pipeline, anchors: FrameAnchors
+    plan: VideoPlan, source: FrameSource, pipeline: Pipeline, anchors: KnownDepthOfFrames
 ) -> FrameJournal:
     """The record of this run, and of an earlier one if it can be resumed.
 
@@ -145,7 +145,9 @@ def open_journal(
     return FrameJournal()
 
 
-def _origin(plan: VideoPlan, source: FrameSource, pipeline: Pipeline, anchors: FrameAnchors) -> str:
+def _origin(
+    plan: VideoPlan, source: FrameSource, pipeline: Pipeline, anchors: KnownDepthOfFrames
+) -> str:
     settings = plan.settings
     # A broken link in a sequence costs no other image.
     states = [(path, path.stat() if path.exists() else path.lstat()) for path in source.paths]

@@ -29,7 +29,7 @@ from depthcli.jobs.video.frames import (
 )
 from depthcli.jobs.video.plan import VideoPlan, VideoResult
 from depthcli.jobs.video.resume import open_journal, rounding_scale
-from depthcli.known.frames import FrameAnchors
+from depthcli.known.frames import KnownDepthOfFrames
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import LiveStream
 from depthcli.video.formats import SEQUENCES, VideoFormat
@@ -69,7 +69,9 @@ def write_video(
     ``workers`` is the number of threads besides the one that decodes and writes.
     """
     start_s, settings = time.perf_counter(), plan.settings
-    known_depth = FrameAnchors(settings.anchors, settings.anchors_fit, settings.anchors_within_s)
+    known_depth = KnownDepthOfFrames(
+        settings.anchors, settings.anchors_fit, settings.anchors_within_s
+    )
     with ExitStack() as stack:
         journal = stack.enter_context(open_journal(plan, source, pipeline, known_depth))
         overwrite = plan.request.overwrite or journal.is_resumed

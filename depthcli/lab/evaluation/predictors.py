@@ -12,7 +12,12 @@ import cv2
 import numpy as np
 
 from depthcli.core.camera import Intrinsics, hfov_deg
-from depthcli.core.options import DEFAULT_UPSAMPLING, AnchorsFit, DepthEncoding, UpsamplingOptions
+from depthcli.core.options import (
+    DEFAULT_UPSAMPLING,
+    DepthEncoding,
+    KnownDepthFit,
+    UpsamplingOptions,
+)
 from depthcli.core.parallel import ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
@@ -22,7 +27,7 @@ from depthcli.inference.pipeline import NETWORK_FROM, Pipeline
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import READABLE
 from depthcli.io.stored.depth import AS_STATED, DepthReadOptions, StoredDepth
-from depthcli.known.points import AnchorPoints
+from depthcli.known.points import KnownDepth
 from depthcli.lab.datasets.base import DepthDataset, Pair
 from depthcli.lab.datasets.folders import as_dataset_error
 from depthcli.lab.datasets.layouts import list_files
@@ -50,13 +55,13 @@ class Sample:
         """The image."""
         return self.dataset.frame(self._position)
 
-    def known_points(self, prompt: Prompt) -> AnchorPoints:
+    def known_points(self, prompt: Prompt) -> KnownDepth:
         """Points of the true depth, the same whenever they are drawn."""
         depth_m = self.dataset.depth_m(self._position)
         gray = cv2.resize(self.frame.pixels_8bit().max(2), depth_m.shape[::-1])
         random = np.random.default_rng(self._position)
         drawn_m = prompt.draw(depth_m, np.asarray(gray, np.float32), random)
-        return AnchorPoints.of_map(drawn_m)
+        return KnownDepth.of_map(drawn_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +86,7 @@ class ModelPredictor(Predictor):
     run: TrainedRun | None = None  #: the training run that the model is of
     latency_ms: float = math.nan  #: median of the network for one image; NaN if not measured
     prompt: Prompt | None = None  #: known depth that it is given; None for none
-    fit: AnchorsFit | None = None  #: how its depth is fitted to that; None for the best it can
+    fit: KnownDepthFit | None = None  #: how its depth is fitted to that; None for the best it can
 
     def predict(self, sample: Sample) -> DepthMap:
         """Depth at the image's size."""
@@ -95,7 +100,7 @@ def open_model(
     loader: SessionLoader,
     detail: UpsamplingOptions = DEFAULT_UPSAMPLING,
     prompt: Prompt | None = None,
-    fit: AnchorsFit | None = None,
+    fit: KnownDepthFit | None = None,
 ) -> ModelPredictor:
     """Find a model and load it; with known depth, its depth is metric.
 
@@ -103,7 +108,7 @@ def open_model(
     """
     session = loader.load()
     has_many = prompt and (prompt.size >= NETWORK_FROM or prompt.pattern is Pattern.LIDAR)
-    if has_many and fit in {None, AnchorsFit.NETWORK}:
+    if has_many and fit in {None, KnownDepthFit.NETWORK}:
         session = session.known_depth or session
     pipeline = Pipeline(session, detail)
     name = str(loader.model or pipeline.card.name)

@@ -25,7 +25,7 @@ from depthcli.io.images import heif
 from depthcli.io.images.read import read_image
 from depthcli.known import clouds
 from depthcli.known.extrinsics import read_extrinsics
-from depthcli.known.files import AnchorFiles
+from depthcli.known.files import KnownDepthFiles
 from depthcli.known.sources import read_file, read_known_depth
 
 DEPTH_M = np.full((4, 6), np.nan, np.float32)
@@ -35,30 +35,30 @@ DEPTH_M[1, 2], DEPTH_M[3, 5] = 2.5, 4.0
 def test_a_table_has_its_columns_in_any_order(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(b"\xef\xbb\xbfname,depth_m,x,y\r\na,2.5,3,4\r\nb,1e1,-0.4,6.6\r\n")
-    points = read_known_depth(AnchorFiles(str(path)))
+    points = read_known_depth(KnownDepthFiles(str(path)))
     assert points.listed() == (Anchor(3, 4, 2.5), Anchor(0, 7, 10.0))
     path.write_bytes(b'x , y, "depth_m"\n3, 4 , 2.5\n 0, 7, "10"\n')
-    assert read_known_depth(AnchorFiles(str(path))).listed() == points.listed()
+    assert read_known_depth(KnownDepthFiles(str(path))).listed() == points.listed()
 
 
 @pytest.mark.parametrize("text", [b"", b"320,240,2.5\n", b"x,y,metres\n1,2,3\n", b"x,y,depth_m\n"])
 def test_a_table_without_columns_or_points_is_refused(tmp_path: Path, text: bytes) -> None:
     (tmp_path / "a.csv").write_bytes(text)
     with pytest.raises(InputError):
-        read_known_depth(AnchorFiles(str(tmp_path / "a.csv")))
+        read_known_depth(KnownDepthFiles(str(tmp_path / "a.csv")))
 
 
 @pytest.mark.parametrize("row", [b"1,nan,1", b"1,2,far", b"1,2,\xff", b'1,2,"3'])
 def test_an_invalid_row_of_a_table_is_named_by_its_line(tmp_path: Path, row: bytes) -> None:
     (tmp_path / "a.csv").write_bytes(b"x,y,depth_m\n1,2,3\n%s\n" % row)
     with pytest.raises(InputError, match=r"a\.csv, line 3"):
-        read_known_depth(AnchorFiles(str(tmp_path / "a.csv")))
+        read_known_depth(KnownDepthFiles(str(tmp_path / "a.csv")))
 
 
 def test_rows_of_a_table_without_depth_are_left_out_and_counted(tmp_path: Path) -> None:
     rows = "".join(f"1,2,{depth}\n" for depth in ("nan", "inf", "-inf", "0", "-3", "", "1e9"))
     (tmp_path / "a.csv").write_text(f"x,y,depth_m\n{rows}5,6,2.5\n1,2\n")
-    points = read_known_depth(AnchorFiles(str(tmp_path / "a.csv")))
+    points = read_known_depth(KnownDepthFiles(str(tmp_path / "a.csv")))
     assert points.listed() == (Anchor(5, 6, 2.5),)
     assert "8 of 9 points" in points.warnings[0]
 
@@ -76,9 +76,9 @@ def test_numbers_that_are_hardly_metres_are_a_warning(name: str, tmp_path: Path)
             path.write_bytes(cloud.export(file_type="ply"))
         else:
             np.save(path, DEPTH_M * np.float32(unit))
-        assert len(read_known_depth(AnchorFiles(str(path), camera=CAMERA)).warnings) == told
+        assert len(read_known_depth(KnownDepthFiles(str(path), camera=CAMERA)).warnings) == told
     if name != "a.csv":
-        assert not read_known_depth(AnchorFiles(str(path), 1000.0, camera=CAMERA)).warnings
+        assert not read_known_depth(KnownDepthFiles(str(path), 1000.0, camera=CAMERA)).warnings
 
 
 @pytest.mark.parametrize("suffix", ["png", "exr", "npy"])
@@ -91,7 +91,7 @@ def test_sparse_map_gives_its_valid_points(tmp_path: Path, suffix: str) -> None:
             ExrWriter().write(depth, path)
         case _:
             np.save(path, np.nan_to_num(DEPTH_M).astype(np.float64))
-    points = read_known_depth(AnchorFiles(str(path)))
+    points = read_known_depth(KnownDepthFiles(str(path)))
     assert points.size_px == (6, 4)
     assert (points.x.tolist(), points.y.tolist()) == ([2, 5], [1, 3])
     assert points.depth_m == pytest.approx([2.5, 4.0])
@@ -102,15 +102,15 @@ def test_maps_of_integers_have_a_scale(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), steps)
     np.save(tmp_path / "a.npy", steps)
     for name in ("a.png", "a.npy"):
-        points = read_known_depth(AnchorFiles(str(tmp_path / name), 256.0))
+        points = read_known_depth(KnownDepthFiles(str(tmp_path / name), 256.0))
         assert points.depth_m == pytest.approx([2.5, 4.0])
     np.save(tmp_path / "b.npy", steps.astype(np.float32))
-    floats = read_known_depth(AnchorFiles(str(tmp_path / "b.npy"), 256.0))
+    floats = read_known_depth(KnownDepthFiles(str(tmp_path / "b.npy"), 256.0))
     assert floats.depth_m == pytest.approx([2.5, 4.0])
     with pytest.raises(InputError):
-        read_known_depth(AnchorFiles(str(tmp_path / "a.npy")))
+        read_known_depth(KnownDepthFiles(str(tmp_path / "a.npy")))
     with pytest.raises(InputError):
-        read_known_depth(AnchorFiles(str(tmp_path / "a.csv"), 256.0))
+        read_known_depth(KnownDepthFiles(str(tmp_path / "a.csv"), 256.0))
 
 
 def test_distances_along_the_ray_become_depth(tmp_path: Path) -> None:
@@ -119,11 +119,11 @@ def test_distances_along_the_ray_become_depth(tmp_path: Path) -> None:
     across, down = (np.arange(6) - 2.5) / focal_px, (np.arange(4) - 1.5) / focal_px
     np.save(tmp_path / "a.npy", 3 * np.sqrt(1 + across**2 + down[:, None] ** 2))
     points = read_known_depth(
-        AnchorFiles(str(tmp_path / "a.npy"), None, DepthEncoding.DISTANCE, camera)
+        KnownDepthFiles(str(tmp_path / "a.npy"), None, DepthEncoding.DISTANCE, camera)
     )
     assert points.depth_m == pytest.approx(np.full(24, 3.0))
     np.save(tmp_path / "b.npy", np.full((4, 6), focal_px / 6))
-    files = AnchorFiles(str(tmp_path / "b.npy"), None, DepthEncoding.DISPARITY, camera, 0.5)
+    files = KnownDepthFiles(str(tmp_path / "b.npy"), None, DepthEncoding.DISPARITY, camera, 0.5)
     assert read_known_depth(files).depth_m == pytest.approx(np.full(24, 3.0))
 
 
@@ -132,11 +132,11 @@ def test_a_map_without_metres_is_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.zeros((4, 6), np.float32))
     for name in ("a.png", "a.npy", "a.txt", "b.csv"):  # relative, empty, no format, missing
         with pytest.raises(InputError):
-            read_known_depth(AnchorFiles(str(tmp_path / name)))
+            read_known_depth(KnownDepthFiles(str(tmp_path / name)))
 
 
 def test_a_folder_has_a_file_for_each_picture(tmp_path: Path) -> None:
-    files = AnchorFiles(str(tmp_path))
+    files = KnownDepthFiles(str(tmp_path))
     (tmp_path / "hall").mkdir()
     (tmp_path / "hall" / "a.b.csv").write_text("x,y,depth_m\n1,2,3\n")
     assert files.file_for("hall/a.b.jpg") == tmp_path / "hall" / "a.b.csv"
@@ -149,7 +149,7 @@ def test_a_folder_has_a_file_for_each_picture(tmp_path: Path) -> None:
 
 def test_a_folder_may_be_an_output_of_convert(tmp_path: Path) -> None:
     NpyWriter().write(DepthMap(DEPTH_M), tmp_path / "a.depth.npy")
-    files = AnchorFiles(str(tmp_path))
+    files = KnownDepthFiles(str(tmp_path))
     assert files.file_for("a.jpg") == tmp_path / "a.depth.npy"
     Png16Writer().write(DepthMap(DEPTH_M), tmp_path / "a.depth.png")
     with pytest.raises(InputError):
@@ -300,7 +300,7 @@ def write_cloud(path: Path) -> None:
 @pytest.mark.parametrize("name", ["a.ply", "a.pcd", "compressed.pcd", "kitti.bin", "nu.pcd.bin"])
 def test_files_of_clouds_are_known_depth(name: str, tmp_path: Path) -> None:
     write_cloud(tmp_path / name)
-    stated = AnchorFiles(str(tmp_path / name), 2.0, camera=CAMERA)  # units per metre
+    stated = KnownDepthFiles(str(tmp_path / name), 2.0, camera=CAMERA)  # units per metre
     found = read_known_depth(stated)
     assert sorted(found.depth_m) == pytest.approx([1, 2])
     (tmp_path / name).write_bytes(b"no cloud")
@@ -344,7 +344,7 @@ def write_binary(folder: Path) -> None:
 @pytest.mark.parametrize("write", [write_text, write_binary])
 def test_a_reconstruction_has_known_depth_of_its_images(write, tmp_path: Path) -> None:  # noqa: ANN001
     write(tmp_path)
-    stated = AnchorFiles(str(tmp_path))
+    stated = KnownDepthFiles(str(tmp_path))
     assert stated.is_by_image
     image = write_picture(tmp_path / "data/hall/my room.jpg")
     found = read_known_depth(stated, image)
@@ -355,7 +355,7 @@ def test_a_reconstruction_has_known_depth_of_its_images(write, tmp_path: Path) -
     assert found.y.tolist() == [20, 47]
     assert found.size_px == (64, 48)
     assert len(found.warnings) == 2  # its unit, and a point behind the camera
-    in_metres = read_known_depth(AnchorFiles(str(tmp_path), scale=2.0), image)
+    in_metres = read_known_depth(KnownDepthFiles(str(tmp_path), scale=2.0), image)
     np.testing.assert_allclose(in_metres.depth_m, found.depth_m / 2)
     for name in ("empty.jpg", "room.jpg"):
         with pytest.raises(InputError):
@@ -373,7 +373,7 @@ def test_points_of_a_reconstruction_are_on_the_upright_image(
     stored[16:24, 32:40] = stored[40:, :8] = 255  # around the points
     path = write_picture(tmp_path / "hall/my room.jpg")
     Image.fromarray(stored).save(path, exif=made.exif(orientation))
-    found, pixels = read_known_depth(AnchorFiles(str(tmp_path)), path), read_image(path).pixels
+    found, pixels = read_known_depth(KnownDepthFiles(str(tmp_path)), path), read_image(path).pixels
     assert found.size_px == pixels.shape[::-1]
     assert (pixels[found.y, found.x] > 200).all()
 
