@@ -32,7 +32,7 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from tools import alternate, parse_options
 
 import depthcli
-from depthcli.core.options import KnownDepthFit
+from depthcli.core.options import DepthFit
 from depthcli.core.types import DepthMap
 from depthcli.errors import UsageError
 from depthcli.known.fit import fit_known_depth
@@ -167,7 +167,7 @@ def errors(depth: DepthMap, true_m: Floats, points: KnownDepth) -> tuple[float, 
     nearest = NearestNDInterpolator(places, points.depth_m)(x, y)
     alone = abs_rel(np.where(np.isnan(between), nearest, between), true_m)
     try:
-        rough = replace(points, fit=KnownDepthFit.GLOBAL)
+        rough = replace(points, fit=DepthFit.GLOBAL)
         fits = [fit_known_depth(depth, some)[0].values for some in (rough, points)]
     except UsageError:
         return alone, np.nan, np.nan

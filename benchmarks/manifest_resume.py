@@ -19,15 +19,7 @@ from tools import parse_options, print_cost
 
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.path_list import read_list
-from depthcli.io.manifest import (
-    OK,
-    WHOLE,
-    CacheKey,
-    Journal,
-    ManifestRow,
-    OutputFile,
-    Shard,
-)
+from depthcli.io.manifest import OK, WHOLE, CacheKey, Journal, ManifestRow, OutputFile, Shard
 from depthcli.jobs.batch.plan import plan_files
 from depthcli.jobs.batch.tasks import TaskBuilder
 

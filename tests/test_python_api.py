@@ -16,7 +16,7 @@ from PIL import Image
 
 import depthcli
 from depthcli.api.depth_map import SaveOptions
-from depthcli.core.options import KnownDepthFit
+from depthcli.core.options import DepthFit
 from depthcli.io.depth.read import read_metadata
 from depthcli.io.formats.options import WriterOptions, names_of
 
@@ -323,9 +323,7 @@ def test_many_anchors_are_a_table_or_a_map(model: depthcli.DepthModel, tmp_path:
         depth = model.predict(PIXELS, anchors=anchors)
         np.testing.assert_allclose(depth.values, known_m, rtol=1e-4)
         residual_m = pytest.approx(0, abs=1e-4)
-        assert depth.anchor_fit == depthcli.AnchorFit(
-            len(x), len(x), residual_m, KnownDepthFit.LOCAL
-        )
+        assert depth.anchor_fit == depthcli.AnchorFit(len(x), len(x), residual_m, DepthFit.LOCAL)
         assert len(depth.anchors) == (len(x) if anchors is table else 0)
         (same,) = model.predict_many([PIXELS], anchors=anchors)
         np.testing.assert_array_equal(same.values, depth.values)

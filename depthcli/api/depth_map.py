@@ -12,7 +12,7 @@ import numpy as np
 from depthcli.core import types
 from depthcli.core.arrays import AnyArray, UInt8Array
 from depthcli.core.camera import Anchor, CameraSource, Intrinsics
-from depthcli.core.options import Colormap, KnownDepthFit, Near, chosen, short_repr
+from depthcli.core.options import Colormap, DepthFit, Near, chosen, short_repr
 from depthcli.core.surface import PointCloud, surface_of
 from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
@@ -130,7 +130,7 @@ class DepthMap(types.DepthMap):
         """Residual of the fit to known points; None if there was none."""
         return self.provenance.anchor_fit
 
-    def fit_anchors(self, anchors: Anchors, *, fit: str = KnownDepthFit.LOCAL) -> Self:
+    def fit_anchors(self, anchors: Anchors, *, fit: str = DepthFit.LOCAL) -> Self:
         """Metric depth that fits known points best.
 
         One point fits the scale, two or more also a shift. From five on, depth also follows them
@@ -306,7 +306,7 @@ class DepthMap(types.DepthMap):
 
 def known_depth_of(anchors: Anchors, fit: str | None) -> KnownDepth:
     """The points of :meth:`DepthMap.fit_anchors`, and their fit; UsageError if there is none."""
-    how = None if fit is None else chosen(KnownDepthFit, fit, "the fit")
+    how = None if fit is None else chosen(DepthFit, fit, "the fit")
     return replace(_points(anchors), fit=how)
 
 

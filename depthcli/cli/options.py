@@ -210,7 +210,7 @@ class KnownDepthOptions:
 class FitOptions(KnownDepthOptions):
     """Known depth."""
 
-    anchors_fit: choices.KnownDepthFit | None = option(
+    anchors_fit: choices.DepthFit | None = option(
         "How depth follows known points: global: scale and shift alone; local: also the errors "
         "that remain, spread over the image; network: a model that takes the points. Default: "
         "network if the model can, else local; without --model, 'prompted' takes two or more."

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, FloatArray
 from depthcli.core.types import Frame
+from depthcli.errors import Message
 
 
 def resize_bilinear(values: Float32Array, width: int, height: int) -> Float32Array:
@@ -351,6 +352,11 @@ def _steepening(low: Float32Array, high: Float32Array, radius: int) -> Float32Ar
 
 
 _HDR_TRANSFERS = {16: "PQ", 18: "HLG"}  # of ITU-T H.273
+
+PANORAMA = Message(  #: a warning
+    "it states that it is a panorama, and is taken for an image of a pinhole camera",
+    "give {projection} equirectangular if it shows all directions",
+)
 
 
 def transfer_warning(transfer: int, what: str, to: str) -> str | None:

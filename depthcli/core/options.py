@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple, TypeVar
 
-from depthcli.errors import InputError, Message, UsageError
+from depthcli.errors import InputError, UsageError
 
 _Choice = TypeVar("_Choice", bound=StrEnum)
 
@@ -82,7 +82,7 @@ GPU_BATCH = 8  #: batch size of the network on other providers than the CPU
 MAX_PIXELS = 250_000_000  #: larger pictures are refused, unless another limit is given
 
 
-class KnownDepthFit(StrEnum):
+class DepthFit(StrEnum):
     """How depth is fitted to known points."""
 
     GLOBAL = "global"  #: by a scale and a shift of the whole map
@@ -143,12 +143,6 @@ class Projection(StrEnum):
     def is_other(self) -> bool:
         """Whether it is not that of a pinhole camera."""
         return self is not Projection.PINHOLE
-
-
-PANORAMA = Message(  #: a warning
-    "it states that it is a panorama, and is taken for an image of a pinhole camera",
-    "give {projection} equirectangular if it shows all directions",
-)
 
 
 class ReadOptions(NamedTuple):

@@ -19,7 +19,7 @@ from depthcli.core.arrays import (
     UInt16Array,
 )
 from depthcli.core.camera import Anchor, CameraScale, CameraSource, Intrinsics
-from depthcli.core.options import KnownDepthFit, Projection, chosen
+from depthcli.core.options import DepthFit, Projection, chosen
 from depthcli.errors import InputError
 
 _GRAY_RANK, _RGB = 2, 3
@@ -236,7 +236,7 @@ class AnchorFit(NamedTuple):
     used: int  #: points that the metres were fitted to; the others contradict them
     given: int  #: all points before the camera, of a cloud one in each pixel
     residual_m: float  #: median absolute difference of those in the image, in metres
-    fit: KnownDepthFit | None = None  #: how depth follows them; None if that is not known
+    fit: DepthFit | None = None  #: how depth follows them; None if that is not known
 
 
 @dataclass(frozen=True, slots=True)

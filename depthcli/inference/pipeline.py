@@ -151,7 +151,7 @@ class Pipeline:
                 )
             return None
         if not self.card.input.prompt_inputs:
-            if known_depth.fit is options.KnownDepthFit.NETWORK:
+            if known_depth.fit is options.DepthFit.NETWORK:
                 raise InputError(
                     f"model {self.card.name!r} takes no known depth",
                     "give another {model}, or another {anchors_fit}",
@@ -287,7 +287,7 @@ def _is_for_network(known_depth: KnownDepth | None) -> bool:
     """Whether a network that takes known depth is to make depth of it."""
     if known_depth and known_depth.fit is None:
         return len(known_depth) >= NETWORK_FROM
-    return bool(known_depth and known_depth.fit is options.KnownDepthFit.NETWORK)
+    return bool(known_depth and known_depth.fit is options.DepthFit.NETWORK)
 
 
 def _of_points(spec: OutputSpec, raw: RawOutputs, camera: Intrinsics, frame: Frame) -> RawOutputs:

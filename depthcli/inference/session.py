@@ -15,15 +15,7 @@ from depthcli.core.options import one_line
 from depthcli.core.parallel import usable_cores
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers
-from depthcli.inference.providers import (
-    AUTO,
-    CPU,
-    CUDA,
-    DEFAULT_OPTIONS,
-    DIRECTML,
-    PROVIDERS,
-    ort,
-)
+from depthcli.inference.providers import AUTO, CPU, CUDA, DEFAULT_OPTIONS, DIRECTML, PROVIDERS, ort
 from depthcli.models.card import MAX_INPUT_PIXELS, TensorLayout
 from depthcli.models.catalog import Model
 

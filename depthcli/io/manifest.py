@@ -18,7 +18,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Annotated, Any, BinaryIO, Self
 
-from depthcli.core.options import KnownDepthFit, Rule
+from depthcli.core.options import DepthFit, Rule
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import OutputError, UsageError, os_errors_as
 from depthcli.io.storage.atomic import append_whole, atomic_path
@@ -57,7 +57,7 @@ class KnownDepthEntry:
     used: int  #: those that depth was fitted to; the others contradict them
     residual_m: float  #: median absolute difference of all points, in metres
     sha256: str  #: checksum of the points, 64 hex digits
-    fit: KnownDepthFit | None = None  #: how depth follows them; None if that is not known
+    fit: DepthFit | None = None  #: how depth follows them; None if that is not known
     model: str | None = None  #: that made the depth, if it is not the key's
 
 

@@ -38,7 +38,7 @@ class MapOptions:
     camera: Intrinsics = UNKNOWN_CAMERA  #: what is known of the camera
     anchors: KnownDepthFiles | tuple[Anchor, ...] = ()  #: known depth, or where files have it
     #: how depth is fitted to that; None for the best that the model can
-    anchors_fit: options.KnownDepthFit | None = None
+    anchors_fit: options.DepthFit | None = None
     reading: options.ReadOptions = options.AS_STATED  #: how images are read
     #: how depth becomes that of a full-size image
     detail: options.UpsamplingOptions = options.DEFAULT_UPSAMPLING
@@ -47,7 +47,7 @@ class MapOptions:
     @property
     def takes_known_depth(self) -> bool:
         """Whether a network may get known depth."""
-        return bool(self.anchors) and self.anchors_fit in {None, options.KnownDepthFit.NETWORK}
+        return bool(self.anchors) and self.anchors_fit in {None, options.DepthFit.NETWORK}
 
     def known_points(self, image: Path | None = None) -> KnownDepth | None:
         """The known depth of an image that is listed, in one file for all, or found by its name.

@@ -7,21 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from depthcli.core.arrays import (
-    BoolArray,
-    Float64Array,
-    Int64Array,
-)
+from depthcli.core.arrays import BoolArray, Float64Array, Int64Array
 from depthcli.core.camera import Anchor
-from depthcli.core.options import KnownDepthFit
-from depthcli.core.types import (
-    AnchorFit,
-    DepthKind,
-    DepthMap,
-    Windows,
-    displayed_depth,
-    has_depth,
-)
+from depthcli.core.options import DepthFit
+from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Windows, displayed_depth, has_depth
 from depthcli.errors import InputError, UsageError
 from depthcli.known.local_correction import log_correction
 from depthcli.known.points import KnownDepth, pixels_of
@@ -169,7 +158,7 @@ def fit_known_depth(
     known = _known(inside, values, depth.kind)
     points = inside.where(known)
     if followed is not None:
-        result, used, how = depth, followed[known], KnownDepthFit.NETWORK
+        result, used, how = depth, followed[known], DepthFit.NETWORK
     else:
         result, used, how = _followed(depth, points, values[known], windows)
     fitted_m = displayed_depth(result, windows).values[points.y, points.x]
@@ -186,7 +175,7 @@ def fit_known_depth(
 
 def _followed(
     depth: DepthMap, points: KnownDepth, values: _Values, windows: Windows | None
-) -> tuple[DepthMap, BoolArray, KnownDepthFit]:
+) -> tuple[DepthMap, BoolArray, DepthFit]:
     """Fitted depth, which points it follows, and how; ``values`` are its own at the points."""
     shown, inverse = displayed_depth(depth, windows), depth.kind is DepthKind.INVERSE
     wanted = 1 / points.depth_m if inverse else points.depth_m
@@ -199,12 +188,12 @@ def _followed(
     if inverse:
         fitted = np.float32(1) / fitted
     fitted = np.where(depth.valid & has_depth(fitted), fitted, np.float32(np.nan))
-    how = KnownDepthFit.GLOBAL
-    if len(used) >= ROBUST_FROM and points.fit is not KnownDepthFit.GLOBAL:
+    how = DepthFit.GLOBAL
+    if len(used) >= ROBUST_FROM and points.fit is not DepthFit.GLOBAL:
         log_m, (x, y) = np.log(fitted), pixels_of(points, windows)
         at = np.stack([(y + 0.5) / depth.height, (x + 0.5) / depth.width, log_m[y, x]])
         fitted = fitted * np.exp(log_correction(log_m, at, points.depth_m, used))
-        how = KnownDepthFit.LOCAL
+        how = DepthFit.LOCAL
     return DepthMap(fitted, DepthKind.METRIC), used, how
 
 

@@ -14,7 +14,7 @@ from threading import Lock
 import numpy as np
 
 from depthcli.core.camera import Anchor
-from depthcli.core.options import KnownDepthFit, Rule
+from depthcli.core.options import DepthFit, Rule
 from depthcli.errors import InputError
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.tables import CsvTable
@@ -46,7 +46,7 @@ class KnownDepthOfFrames:
     def __init__(
         self,
         stated: KnownDepthFiles | tuple[Anchor, ...],
-        fit: KnownDepthFit | None = None,
+        fit: DepthFit | None = None,
         within_s: float | None = None,
     ) -> None:
         """List the folder, or read the file; there may be neither.

@@ -7,20 +7,10 @@ from typing import Self
 
 import numpy as np
 
-from depthcli.core.arrays import (
-    AnyArray,
-    BoolArray,
-    Float64Array,
-    FloatArray,
-    Int64Array,
-)
+from depthcli.core.arrays import AnyArray, BoolArray, Float64Array, FloatArray, Int64Array
 from depthcli.core.camera import DEPTH_M, DEPTH_M_RANGE, Anchor
-from depthcli.core.options import KnownDepthFit
-from depthcli.core.types import (
-    Windows,
-    doubt_of_metres,
-    has_depth,
-)
+from depthcli.core.options import DepthFit
+from depthcli.core.types import Windows, doubt_of_metres, has_depth
 from depthcli.errors import Message, UsageError
 
 _COLUMNS = 3
@@ -37,7 +27,7 @@ class KnownDepth:
     depth_m: Float64Array  #: (N,), metres along the camera axis
     size_px: tuple[int, int] | None = None  #: (columns, rows) of their map; None for a list
     warnings: tuple[str, ...] = ()  #: about their file, or why it has none, one line each
-    fit: KnownDepthFit | None = None  #: how depth is fitted; None for the best that the model can
+    fit: DepthFit | None = None  #: how depth is fitted; None for the best that the model can
     may_be_outside: bool = False  #: whether most can be outside the image, as those of a lidar
 
     @classmethod

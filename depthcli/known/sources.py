@@ -68,7 +68,6 @@ def read_file(path: Path, stated: KnownDepthFiles) -> KnownDepth:
 
 
 def _of_cloud(path: Path, stated: KnownDepthFiles) -> KnownDepth:
-
     if stated.kind:
         raise InputError(f"{path} has points in three dimensions", "remove {anchors_kind}")
     cloud_m, doubts = read_cloud(path) / (stated.scale or 1), tuple[str, ...]()
@@ -83,7 +82,6 @@ def _of_cloud(path: Path, stated: KnownDepthFiles) -> KnownDepth:
 
 
 def _of_phone(image: Path, camera: Intrinsics) -> KnownDepth:
-
     found = read_embedded_depth(image, DepthReadOptions(camera=camera))
     if found is None or not found.depth.is_metric:
         kind = "no depth" if found is None else "relative depth, which has no metres,"

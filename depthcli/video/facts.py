@@ -12,8 +12,8 @@ from av.container import InputContainer
 from av.sidedata.sidedata import Type
 from av.video.frame import VideoFrame
 
-from depthcli.core.imageops import transfer_warning
-from depthcli.core.options import PANORAMA, Eye, Projection
+from depthcli.core.imageops import PANORAMA, transfer_warning
+from depthcli.core.options import Eye, Projection
 from depthcli.errors import Message, UsageError
 
 _FOCAL_35MM = "camera.focal_length.35mm_equivalent"

@@ -24,12 +24,7 @@ from depthcli.core.camera import (
     hfov_deg,
 )
 from depthcli.core.imageops import luma, resize_area, resize_bilinear, rgb, value_channel
-from depthcli.core.options import (
-    AUTO_TILE,
-    DepthMask,
-    Upsampling,
-    UpsamplingOptions,
-)
+from depthcli.core.options import AUTO_TILE, DepthMask, Upsampling, UpsamplingOptions
 from depthcli.core.types import (
     DepthCodec,
     DepthKind,

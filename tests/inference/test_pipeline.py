@@ -23,7 +23,7 @@ from helpers.tiny import (
 from onnx import TensorProto, helper, numpy_helper
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, CameraSource, Intrinsics
-from depthcli.core.options import DepthMask, KnownDepthFit, UpsamplingOptions
+from depthcli.core.options import DepthFit, DepthMask, UpsamplingOptions
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.pipeline import Pipeline, Prediction, _range_warnings
@@ -245,7 +245,7 @@ def prompted(tmp_path: Path) -> Pipeline:
 def test_known_depth_is_an_input_of_a_model_that_takes_it(prompted: Pipeline) -> None:
     """The relief of its map is then that of the points, beyond the range of the model alone."""
     points = KnownDepth(np.arange(0, 40, 8), np.arange(0, 30, 6), np.full(5, 40.0))
-    known = [None, replace(points, fit=KnownDepthFit.LOCAL), points]
+    known = [None, replace(points, fit=DepthFit.LOCAL), points]
     found = prompted.predict_many([gray(0)] * 3, anchors=known)
     reliefs = [np.ptp(np.log(one.depth.values)) for one in found]
     assert reliefs[0] == pytest.approx(0, abs=1e-4)
@@ -259,7 +259,7 @@ def test_from_two_points_on_another_network_takes_them(
     kinect.session.load_known_depth = lambda: prompted.session
     many = KnownDepth(np.arange(0, 50, 8), np.arange(0, 42, 6), np.full(7, 2.0))
     two, one = (replace(many, x=many.x[:n], y=many.y[:n], depth_m=many.depth_m[:n]) for n in (2, 1))
-    known = [None, one, two, many, replace(many, fit=KnownDepthFit.LOCAL)]
+    known = [None, one, two, many, replace(many, fit=DepthFit.LOCAL)]
     sources = [
         one.depth.provenance for one in kinect.predict_many([gray(0, 48, 64)] * 5, anchors=known)
     ]
@@ -280,18 +280,16 @@ def test_depth_of_a_network_follows_few_points_as_that_makes_it(prompted: Pipeli
     assert away_m[1] > 1.02
 
 
-@pytest.mark.parametrize("fit", [KnownDepthFit.GLOBAL, KnownDepthFit.LOCAL, KnownDepthFit.NETWORK])
-def test_fit_chooses_how_depth_follows(
-    prompted: Pipeline, kinect: Pipeline, fit: KnownDepthFit
-) -> None:
+@pytest.mark.parametrize("fit", [DepthFit.GLOBAL, DepthFit.LOCAL, DepthFit.NETWORK])
+def test_fit_chooses_how_depth_follows(prompted: Pipeline, kinect: Pipeline, fit: DepthFit) -> None:
     pixels = synthetic_picture()
     plain = prompted.predict(Frame(pixels)).depth.values
     x, y = (axis.ravel() for axis in np.meshgrid(np.arange(0, 64, 6), np.arange(0, 48, 6)))
     known_m = plain[y, x] * np.where(x < 32, 1.0, 1.3)
     points = replace(KnownDepth(x, y, known_m.astype(np.float64)), fit=fit)
     ratio = prompted.predict(Frame(pixels), anchors=points).depth.values / plain
-    assert (ratio[:, 50:].mean() / ratio[:, 8:14].mean() > 1.2) == (fit is not KnownDepthFit.GLOBAL)
-    with pytest.raises(InputError) if fit is KnownDepthFit.NETWORK else nullcontext():
+    assert (ratio[:, 50:].mean() / ratio[:, 8:14].mean() > 1.2) == (fit is not DepthFit.GLOBAL)
+    with pytest.raises(InputError) if fit is DepthFit.NETWORK else nullcontext():
         kinect.predict(Frame(pixels), anchors=points)
 
 
@@ -317,7 +315,7 @@ def test_a_network_that_needs_known_depth_gets_it_everywhere(needing: Pipeline) 
 def test_a_network_that_needs_known_depth_gives_none_without(needing: Pipeline) -> None:
     points = KnownDepth(np.arange(5), np.arange(5), np.full(5, 2.0))
     one = KnownDepth(points.x[:1], points.y[:1], points.depth_m[:1])
-    for known in (None, one, replace(points, fit=KnownDepthFit.GLOBAL)):
+    for known in (None, one, replace(points, fit=DepthFit.GLOBAL)):
         with pytest.raises(InputError, match="needs known depth"):
             needing.predict(gray(0), anchors=known)
     tiled = Pipeline(needing.session, UpsamplingOptions(tile_px=20))

@@ -14,7 +14,7 @@ import pytest
 import depthcli
 from depthcli.cli.screen.results import picture_json, picture_text
 from depthcli.core.camera import CameraSource, Intrinsics
-from depthcli.core.options import DepthEncoding, KnownDepthFit
+from depthcli.core.options import DepthEncoding, DepthFit
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance, with_camera
 from depthcli.errors import InputError, OutputError
 from depthcli.io.depth.read import read_metadata, read_stored_depth
@@ -209,7 +209,7 @@ def test_scale_in_a_png_overrides_its_sidecar(tmp_path: Path) -> None:
         assert "range" not in stored.metadata
 
 
-FIT = AnchorFit(1_234_567, 2_000_000, 0.012346, KnownDepthFit.NETWORK)
+FIT = AnchorFit(1_234_567, 2_000_000, 0.012346, DepthFit.NETWORK)
 FITTED = replace(DEPTH, provenance=replace(STATED, input_size_px=(256, 192), anchor_fit=FIT))
 
 

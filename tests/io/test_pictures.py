@@ -17,7 +17,8 @@ from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
 from depthcli.core.camera import focal_px_of_35mm
-from depthcli.core.options import PANORAMA, Eye
+from depthcli.core.imageops import PANORAMA
+from depthcli.core.options import Eye
 from depthcli.core.types import DepthMap
 from depthcli.errors import InputError
 from depthcli.io.formats.preview import PreviewWriter

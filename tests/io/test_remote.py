@@ -24,15 +24,7 @@ from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.guard import Guard
 from depthcli.io.listing.folder import InputFile, Skipped, list_folder
-from depthcli.io.manifest import (
-    OK,
-    CacheKey,
-    Journal,
-    ManifestRow,
-    OutputFile,
-    Shard,
-    known_rows,
-)
+from depthcli.io.manifest import OK, CacheKey, Journal, ManifestRow, OutputFile, Shard, known_rows
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import (

@@ -11,7 +11,7 @@ from helpers.videos import flat_frames, write_video
 
 from depthcli import __version__
 from depthcli.core.camera import Anchor, Intrinsics
-from depthcli.core.options import AUTO_TILE, KnownDepthFit, ReadOptions, UpsamplingOptions
+from depthcli.core.options import AUTO_TILE, DepthFit, ReadOptions, UpsamplingOptions
 from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.options import WriterOptions
@@ -103,7 +103,7 @@ def test_another_network_for_known_depth_does_again_what_it_made(
     monkeypatch.setenv("DEPTHCLI_MODELS", str(models))
     five = tuple(Anchor(8 * n + 5, 7 * n + 4, 2 + n) for n in range(5))
 
-    def is_kept(fit: KnownDepthFit | None = None) -> bool:
+    def is_kept(fit: DepthFit | None = None) -> bool:
         asked = request(
             tmp_path, "local" if fit else "out", BatchOptions(anchors=five, anchors_fit=fit)
         )
@@ -114,7 +114,7 @@ def test_another_network_for_known_depth_does_again_what_it_made(
     for shift, expected in ((2.0, (False, False)), (2.5, (False, True))):
         output = {"output__transform": "exp", "output__scale": 2.0, "output__shift": shift}
         write_model(models / "prompted", prompted_onnx(), input__prompt=True, **output)
-        assert (is_kept(), is_kept(KnownDepthFit.LOCAL)) == expected
+        assert (is_kept(), is_kept(DepthFit.LOCAL)) == expected
         assert is_kept()
 
 

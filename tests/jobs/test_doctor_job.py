@@ -13,12 +13,7 @@ from depthcli.inference import providers
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.session import Session
 from depthcli.io.images import opencv as codecs
-from depthcli.jobs.doctor import (
-    Check,
-    check_conflicts,
-    check_installation,
-    check_versions,
-)
+from depthcli.jobs.doctor import Check, check_conflicts, check_installation, check_versions
 
 
 def by_name(checks: Iterator[Check]) -> dict[str, Check]:

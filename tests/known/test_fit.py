@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from depthcli.core.camera import Anchor as Point
-from depthcli.core.options import KnownDepthFit
+from depthcli.core.options import DepthFit
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.known import local_correction
@@ -257,7 +257,7 @@ def points(count: int, *, noise: float = 0, wrong: float = 0, seed: int = 1) -> 
 
 def _both(depth: DepthMap, seen: KnownDepth) -> tuple[DepthMap, DepthMap]:
     """The map as it is fitted, and as it follows the points."""
-    return fitted_map(depth, replace(seen, fit=KnownDepthFit.GLOBAL)), fitted_map(depth, seen)
+    return fitted_map(depth, replace(seen, fit=DepthFit.GLOBAL)), fitted_map(depth, seen)
 
 
 def abs_rel(depth: DepthMap) -> float:

@@ -10,14 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.tiny import write_model
-from helpers.videos import (
-    NTSC,
-    damage_frames,
-    encode,
-    flat_frames,
-    write_depth_video,
-    write_video,
-)
+from helpers.videos import NTSC, damage_frames, encode, flat_frames, write_depth_video, write_video
 
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader

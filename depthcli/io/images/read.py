@@ -19,11 +19,10 @@ import numpy as np
 
 from depthcli.core.arrays import AnyArray
 from depthcli.core.camera import Intrinsics
-from depthcli.core.imageops import transfer_warning
+from depthcli.core.imageops import PANORAMA, transfer_warning
 from depthcli.core.options import (
     EXPOSURE,
     MAX_PIXELS,
-    PANORAMA,
     Eye,
     Projection,
     ReadOptions,

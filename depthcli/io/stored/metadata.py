@@ -12,7 +12,7 @@ from depthcli._version import __version__
 from depthcli.core.arrays import BoolArray, Float32Array, FloatArray, UInt16Array
 from depthcli.core.camera import CameraSource, hfov_deg
 from depthcli.core.imageops import row_bands
-from depthcli.core.options import MILLIMETRES, KnownDepthFit, Projection
+from depthcli.core.options import MILLIMETRES, DepthFit, Projection
 from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthMap, Provenance, has_depth
 from depthcli.errors import Message, UsageError
 from depthcli.io.marks import KEY_PREFIX
@@ -100,7 +100,7 @@ def camera_text(depth: DepthMap) -> str | None:
 def _fit_text(fit: AnchorFit) -> str:
     of_all = "" if fit.used == fit.given else f"{fit.used} of "
     error = f", median error {fit.residual_m:.3f} m" if fit.given > 1 else ""
-    by = " by a network" if fit.fit is KnownDepthFit.NETWORK else ""
+    by = " by a network" if fit.fit is DepthFit.NETWORK else ""
     return f"; depth fitted{by} to {of_all}{fit.given} anchor{'s'[: fit.given - 1]}{error}"
 
 
@@ -218,7 +218,7 @@ def _size_px(text: str | None) -> tuple[int, int] | None:
 
 def _anchor_fit(text: str | None) -> AnchorFit | None:
     *_, last = (text or "").split(",")
-    fit = KnownDepthFit(last) if last in tuple(KnownDepthFit) else None
+    fit = DepthFit(last) if last in tuple(DepthFit) else None
     match _number_list(text and text.removesuffix(f",{fit}")):
         case [float(used), float(given), float(residual_m)] if (
             1 <= used <= given and residual_m >= 0

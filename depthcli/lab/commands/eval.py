@@ -69,7 +69,7 @@ class ModelOptions:
         ",wrong=0.25 (shares).",
         metavar="PATTERN",
     )
-    anchors_fit: choices.KnownDepthFit | None = groups.option("Fit to --prompt, as in 'predict'.")
+    anchors_fit: choices.DepthFit | None = groups.option("Fit to --prompt, as in 'predict'.")
     average: Averaging = groups.option(
         "Average over images, or over all pixels.", default=Averaging.IMAGE
     )

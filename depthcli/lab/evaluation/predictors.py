@@ -12,12 +12,7 @@ import cv2
 import numpy as np
 
 from depthcli.core.camera import Intrinsics, hfov_deg
-from depthcli.core.options import (
-    DEFAULT_UPSAMPLING,
-    DepthEncoding,
-    KnownDepthFit,
-    UpsamplingOptions,
-)
+from depthcli.core.options import DEFAULT_UPSAMPLING, DepthEncoding, DepthFit, UpsamplingOptions
 from depthcli.core.parallel import ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
@@ -86,7 +81,7 @@ class ModelPredictor(Predictor):
     run: TrainedRun | None = None  #: the training run that the model is of
     latency_ms: float = math.nan  #: median of the network for one image; NaN if not measured
     prompt: Prompt | None = None  #: known depth that it is given; None for none
-    fit: KnownDepthFit | None = None  #: how its depth is fitted to that; None for the best it can
+    fit: DepthFit | None = None  #: how its depth is fitted to that; None for the best it can
 
     def predict(self, sample: Sample) -> DepthMap:
         """Depth at the image's size."""
@@ -100,7 +95,7 @@ def open_model(
     loader: SessionLoader,
     detail: UpsamplingOptions = DEFAULT_UPSAMPLING,
     prompt: Prompt | None = None,
-    fit: KnownDepthFit | None = None,
+    fit: DepthFit | None = None,
 ) -> ModelPredictor:
     """Find a model and load it; with known depth, its depth is metric.
 
@@ -108,7 +103,7 @@ def open_model(
     """
     session = loader.load()
     has_many = prompt and (prompt.size >= NETWORK_FROM or prompt.pattern is Pattern.LIDAR)
-    if has_many and fit in {None, KnownDepthFit.NETWORK}:
+    if has_many and fit in {None, DepthFit.NETWORK}:
         session = session.known_depth or session
     pipeline = Pipeline(session, detail)
     name = str(loader.model or pipeline.card.name)

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from depthcli.core.options import MILLIMETRES, KnownDepthFit, UpsamplingOptions
+from depthcli.core.options import MILLIMETRES, DepthFit, UpsamplingOptions
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, UsageError
 from depthcli.inference.loading import SessionLoader
@@ -50,7 +50,7 @@ class EvalRequest:
     #: provider and threads of the runs; its model is not used
     runner: SessionLoader = field(default_factory=SessionLoader)
     prompt: Prompt | None = None  #: known depth that the models are given; None for none
-    anchors_fit: KnownDepthFit | None = None  #: to that; None for the best that each model can
+    anchors_fit: DepthFit | None = None  #: to that; None for the best that each model can
     truth: DepthReadOptions = AS_STATED  #: what is known about the depth of a custom folder
     patterns: tuple[str, str] | None = None  #: names of images and depth, with ``*``
     split: SplitName | None = SplitName.PAPER  #: of NYU Depth v2; None for all pairs of a data set

@@ -15,12 +15,7 @@ from onnx import TensorProto
 from torch import Tensor, nn
 
 from depthcli.errors import ParityError
-from depthcli.lab.export.graph import (
-    build_graph,
-    check_parity,
-    fold_batch_norm,
-    weights_to_float16,
-)
+from depthcli.lab.export.graph import build_graph, check_parity, fold_batch_norm, weights_to_float16
 from depthcli.lab.training.config import GeneratorConfig
 from depthcli.lab.training.networks.efficient import EfficientGenerator
 

@@ -89,9 +89,7 @@ def _train(folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
 
 
 def _events(folder: Path) -> Any:
-    from tensorboard.backend.event_processing.event_accumulator import (  # noqa: PLC0415
-        EventAccumulator,
-    )
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator  # noqa: PLC0415
 
     return EventAccumulator(str(folder)).Reload()
 

@@ -27,12 +27,7 @@ from depthcli.lab.training.checkpoint import (
 )
 from depthcli.lab.training.methods.registry import default_config
 from depthcli.lab.training.networks.build import build_generator
-from depthcli.lab.training.provenance import (
-    DataProvenance,
-    PairIds,
-    data_differences,
-    ids_of_card,
-)
+from depthcli.lab.training.provenance import DataProvenance, PairIds, data_differences, ids_of_card
 from depthcli.lab.training.run import Run
 from depthcli.lab.training.settings import resolve_config
 from depthcli.models.catalog import find_model

@@ -13,11 +13,7 @@ from depthcli.lab.export.graph import build_graph, check_parity
 from depthcli.lab.export.onnx import ExportOptions, export_checkpoint
 from depthcli.lab.training.checkpoint import CHECKPOINT, load_generator
 from depthcli.lab.training.config import GeneratorConfig
-from depthcli.lab.training.networks.encoder import (
-    EncoderGenerator,
-    SamePaddedConv2d,
-    timm_features,
-)
+from depthcli.lab.training.networks.encoder import EncoderGenerator, SamePaddedConv2d, timm_features
 from depthcli.lab.training.settings import apply_overrides
 
 FAMILIES = ("test_efficientnet", "test_convnext", "test_resnet")
