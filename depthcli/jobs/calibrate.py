@@ -174,11 +174,9 @@ def _points(request: CalibrationRequest, frame: Frame) -> KnownDepth:
             raise UsageError("", "an object of known height needs {focal_px} or {hfov}")
         down = request.camera.pixel_aspect or frame.pixel_aspect
         return KnownDepth.of([request.known_object.known_point(focal_px * down)])
-    if isinstance(anchors, tuple):
-        return KnownDepth.of(anchors)
     image = Path(frame.path or "")
-    if path_of(anchors.path).is_dir() and not anchors.is_by_image:
-        anchors = replace(anchors, path=str(anchors.file_for(image.name, picture=image)))
+    if not (isinstance(anchors, tuple) or anchors.is_by_image) and path_of(anchors.path).is_dir():
+        return read_file(anchors.file_for(image.name, picture=image), anchors)
     return read_known_depth(anchors, image)
 
 

@@ -54,16 +54,11 @@ class MapOptions:
 
         None if there is none for any; InputError if it cannot be read.
         """
-        from depthcli.known.points import KnownDepth  # noqa: PLC0415 - needs numpy
-        from depthcli.known.sources import read_known_depth  # noqa: PLC0415
-
-        source = self.anchors
-        if not source:
+        if not self.anchors:
             return None
-        points = (
-            KnownDepth.of(source) if isinstance(source, tuple) else read_known_depth(source, image)
-        )
-        return replace(points, fit=self.anchors_fit)
+        from depthcli.known.sources import read_known_depth  # noqa: PLC0415 - needs numpy
+
+        return replace(read_known_depth(self.anchors, image), fit=self.anchors_fit)
 
     def read(self, path: Path | None, data: bytes | None, name: str = "standard input") -> Frame:
         """An image; arguments and errors as of :func:`depthcli.io.images.read.read_image`."""

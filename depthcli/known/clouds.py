@@ -33,25 +33,19 @@ def read_cloud(path: Path) -> _Values:
         if path.suffix.lower() == ".bin":  # x, y, z and intensity of KITTI; nuScenes has a ring
             columns = 5 if path.name.endswith(".pcd.bin") else 4
             return np.frombuffer(data, "<f4").reshape(-1, columns)[:, :3].astype(np.float64)
-        return _of_pcd(data) if path.suffix.lower() == ".pcd" else _of_ply(data)
+        if path.suffix.lower() == ".pcd":
+            import pypcd4  # noqa: PLC0415 - an extra
+
+            scan: Any = pypcd4.PointCloud.from_fileobj(BytesIO(data))
+            return np.stack([scan.pc_data[axis] for axis in "xyz"], axis=-1).astype(np.float64)
+        import trimesh  # noqa: PLC0415 - an extra
+
+        cloud: Any = trimesh.load(BytesIO(data), file_type="ply", process=False)
+        return np.asarray(cloud.vertices, np.float64).reshape(-1, 3)
     except ImportError as error:
         raise InputError(f"{path} needs {error.name}", f"install it: {INSTALL_POINTS}") from error
     except Exception as error:  # of the libraries, which raise of many types
         raise InputError(f"{path} is not a point cloud that can be read") from error
-
-
-def _of_ply(data: bytes) -> _Values:
-    import trimesh  # noqa: PLC0415 - an extra
-
-    cloud: Any = trimesh.load(BytesIO(data), file_type="ply", process=False)
-    return np.asarray(cloud.vertices, np.float64).reshape(-1, 3)
-
-
-def _of_pcd(data: bytes) -> _Values:
-    import pypcd4  # noqa: PLC0415 - an extra
-
-    cloud: Any = pypcd4.PointCloud.from_fileobj(BytesIO(data))
-    return np.stack([cloud.pc_data[axis] for axis in "xyz"], axis=-1).astype(np.float64)
 
 
 def projected(cloud_m: _Values, camera: Intrinsics) -> KnownDepth:

@@ -22,7 +22,7 @@ CLOUDS = (".pcd", ".ply")  #: suffixes of point clouds alone
 SUFFIXES = (".csv", *CLOUDS, *(s for s in READABLE_SUFFIXES if s not in CLOUDS))
 SELF = "self"  #: in place of a path, the depth that a phone stored within each image
 _COLMAP = ("cameras", "images", "points3D")
-_OUTPUT = ".depth"  # end of the stems of the outputs of ``convert``
+OUTPUT = ".depth"  #: end of the stems of the outputs of ``convert``
 ALTERNATIVES = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 
 
@@ -74,9 +74,9 @@ class KnownDepthFiles:
         folder = path_of(self.path)
         above, slash, own = name.rpartition("/")
         base = above + slash + (own.rpartition(".")[0] or own)
-        found = _files(folder, name) or _files(folder, name + _OUTPUT)
+        found = _files(folder, name) or _files(folder, name + OUTPUT)
         if not found:
-            found = _files(folder, base, picture) or _files(folder, base + _OUTPUT)
+            found = _files(folder, base, picture) or _files(folder, base + OUTPUT)
             if found and shares_stem:
                 told = f"{found[0]} may be the known depth of this or another {safe_name(base)}"
                 raise InputError(told, f"name it {safe_name(name)}{found[0].suffix}")

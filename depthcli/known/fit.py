@@ -155,7 +155,10 @@ def fit_known_depth(
     given = len(points)
     inside = points.within(shown.width, shown.height)
     values = shown.values[inside.y, inside.x].astype(np.float64)
-    known = _known(inside, values, depth.kind)
+    known = has_depth(values, depth.kind)
+    if len(points) < ROBUST_FROM or not known.any():
+        for x, y in zip(inside.x[~known], inside.y[~known], strict=True):
+            raise UsageError(f"the map has no depth at {x},{y}; choose another pixel")
     points = inside.where(known)
     if followed is not None:
         result, used, how = depth, followed[known], DepthFit.NETWORK
@@ -169,8 +172,12 @@ def fit_known_depth(
         anchors=inside.listed(),
         anchor_fit=AnchorFit(int(used.sum()), given, float(np.median(errors_m)), how),
     )
-    lost = () if followed is not None else _lost(depth, result)
-    return replace(result, provenance=source), (*inside.warnings, *lost)
+    warnings, lost = inside.warnings, int(np.count_nonzero(depth.valid & ~result.valid))
+    if lost:
+        share = f"{100 * lost / depth.values.size:.3g} %"
+        place = "at or beyond infinity" if depth.kind is DepthKind.INVERSE else "at or below 0 m"
+        warnings += (f"{lost} pixels ({share}) are {place} after the fit and have no depth",)
+    return replace(result, provenance=source), warnings
 
 
 def _followed(
@@ -179,7 +186,10 @@ def _followed(
     """Fitted depth, which points it follows, and how; ``values`` are its own at the points."""
     shown, inverse = displayed_depth(depth, windows), depth.kind is DepthKind.INVERSE
     wanted = 1 / points.depth_m if inverse else points.depth_m
-    fit, used = _fit(values, wanted, depth.kind, _cells_of(points, shown.width, shown.height))
+    # In which cell of a coarse grid over the image each point is.
+    columns = points.x * _GRID_COLUMNS // shown.width
+    cells = points.y * _ROWS // shown.height * _GRID_COLUMNS + columns
+    fit, used = _fit(values, wanted, depth.kind, cells)
     if (values[used] * fit.scale + fit.shift <= 0).any():
         raise UsageError(
             "the fit puts a known point at or behind the camera; check the known depth"
@@ -218,33 +228,6 @@ def fitted(
         return fit_known_depth(depth, points, windows, followed=followed)
     except UsageError as error:
         raise InputError(str(error)) from error
-
-
-def _lost(before: DepthMap, fitted: DepthMap) -> tuple[str, ...]:
-    """A warning about the pixels that a fit leaves without depth; none if there are none."""
-    lost = int(np.count_nonzero(before.valid & ~fitted.valid))
-    if not lost:
-        return ()
-    share = f"{100 * lost / fitted.values.size:.3g} %"
-    where = "at or beyond infinity" if before.kind is DepthKind.INVERSE else "at or below 0 m"
-    return (f"{lost} pixels ({share}) are {where} after the fit and have no depth",)
-
-
-def _known(points: KnownDepth, values: _Values, kind: DepthKind) -> BoolArray:
-    """At which points the map has a value: (N,) bool."""
-    known = has_depth(values, kind)
-    if len(points) >= ROBUST_FROM and known.any():
-        return known
-    for at in np.flatnonzero(~known)[:1]:
-        raise UsageError(
-            f"the map has no depth at {points.x[at]},{points.y[at]}; choose another pixel"
-        )
-    return known
-
-
-def _cells_of(points: KnownDepth, width: int, height: int) -> Int64Array:
-    """In which cell of a coarse grid over the picture each point is: (N,)."""
-    return points.y * _ROWS // height * _GRID_COLUMNS + points.x * _GRID_COLUMNS // width
 
 
 def _fit(

@@ -18,13 +18,12 @@ from depthcli.core.options import DepthFit, Rule
 from depthcli.errors import InputError
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.tables import CsvTable
-from depthcli.known.files import SUFFIXES, KnownDepthFiles
+from depthcli.known.files import OUTPUT, SUFFIXES, KnownDepthFiles
 from depthcli.known.points import KnownDepth
 from depthcli.known.sources import COLUMNS, numbers_of, read_file, read_known_depth
 from depthcli.video.numbering import times_ns
 
 _LAST_NUMBER = re.compile(r"(\d+)\D*$", re.ASCII)
-_OUTPUT = ".depth"  # end of the stems of the outputs of ``convert``
 _FRAME, _TIME_S = "frame", "time_s"
 _RULES = {
     _FRAME: Rule("the number of a frame", lambda n: 0 <= n < 1e12 and n == int(n)),  # noqa: PLR2004
@@ -117,7 +116,7 @@ class KnownDepthOfFrames:
 def _numbered_files(folder: Path) -> dict[int, Path]:
     """The files of known depth in a folder by the last number in their names."""
     listed = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
-    names = {path: path.stem.removesuffix(_OUTPUT) for path in listed}
+    names = {path: path.stem.removesuffix(OUTPUT) for path in listed}
     last = {path: match for path, name in names.items() if (match := _LAST_NUMBER.search(name))}
     numbers = times_ns([names[path] for path in last]) or [int(match[1]) for match in last.values()]
     found: dict[int, Path] = {}

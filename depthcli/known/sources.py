@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from depthcli.core.arrays import Float64Array
-from depthcli.core.camera import Intrinsics
+from depthcli.core.camera import Anchor, Intrinsics
 from depthcli.core.options import Rule
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.embedded import read_embedded_depth
@@ -26,8 +26,12 @@ _DEPTH = Rule("a number", lambda _: True)  # those that are no depth are left ou
 COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": _DEPTH}  #: of a table
 
 
-def read_known_depth(files: KnownDepthFiles, image: Path | None = None) -> KnownDepth:
-    """Depth of a file, or within an image or of its reconstruction; none without metres."""
+def read_known_depth(
+    files: KnownDepthFiles | tuple[Anchor, ...], image: Path | None = None
+) -> KnownDepth:
+    """Depth of points, a file, an image itself or its reconstruction; none without metres."""
+    if isinstance(files, tuple):
+        return KnownDepth.of(files)
     path = path_of(files.path)
     if not files.is_by_image and path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path} holds no known depth", f"give a file with {ALTERNATIVES}")

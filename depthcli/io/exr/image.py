@@ -38,15 +38,10 @@ def encode(pixels: Float32Array, exposure: float = 0.0, matrix: Float32Array | N
         if matrix is not None:
             light = np.matmul(light, matrix.T, dtype=np.float32)
         above += np.count_nonzero(light > 1, axis=(0, 1))
-        pixels[rows] = _srgb(light)
+        light = np.clip(light, 0, 1)
+        curve = np.float32(1.055) * light ** np.float32(1 / 2.4) - np.float32(0.055)
+        pixels[rows] = np.where(light <= _LINEAR_UP_TO, light * np.float32(12.92), curve)
     return int(above.max())
-
-
-def _srgb(linear: Float32Array) -> Float32Array:
-    light = np.clip(linear, 0, 1)
-    curve = np.float32(1.055) * light ** np.float32(1 / 2.4) - np.float32(0.055)
-    shown: Float32Array = np.where(light <= _LINEAR_UP_TO, light * np.float32(12.92), curve)
-    return shown
 
 
 def clip_warning(share: float) -> str | None:

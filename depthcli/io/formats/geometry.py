@@ -92,7 +92,9 @@ class PlyWriter(SurfaceWriter):
         """Write one vertex for each pixel with depth; comments in the header have the metadata."""
         surface, warnings = self.surface(depth)
         points = self._points(surface, frame)
-        faces = self._faces(surface)
+        numbers = surface.faces() if self.faces else np.empty((0, 3), np.uint32)
+        faces = np.empty(len(numbers), _FACE)
+        faces["count"], faces["numbers"] = 3, numbers
         known = metadata_texts(depth)
         for name in ("camera", "camera_size_px"):  # focal_px and camera_source say it in ASCII
             known.pop(name, None)
@@ -116,12 +118,6 @@ class PlyWriter(SurfaceWriter):
         if frame is not None:
             points["rgb"] = frame.pixels_8bit()[:: self.stride, :: self.stride][valid]
         return points
-
-    def _faces(self, surface: Surface) -> npt.NDArray[np.void]:
-        numbers = surface.faces() if self.faces else np.empty((0, 3), np.uint32)
-        faces = np.empty(len(numbers), _FACE)
-        faces["count"], faces["numbers"] = 3, numbers
-        return faces
 
 
 # https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html

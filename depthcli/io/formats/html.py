@@ -12,7 +12,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import UInt16Array
 from depthcli.core.surface import Surface
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.formats.geometry import SurfaceWriter, camera_of
@@ -70,7 +69,10 @@ def _data(depth: DepthMap, surface: Surface, stride: int) -> dict[str, Any]:
     links = np.zeros((height, width), np.uint8)
     links[:, :-1] += surface.right
     links[:-1] += 2 * surface.down.astype(np.uint8)
-    grid = _planes(np.nan_to_num(steps).astype(np.uint16)) + links.tobytes()
+    # High bytes, then low ones, of the differences to the row above; a third of the size.
+    changes = np.diff(np.nan_to_num(steps).astype(np.uint16), axis=0, prepend=np.uint16(0))
+    planes = (changes >> 8).astype(np.uint8), changes.astype(np.uint8), links
+    grid = b"".join(plane.tobytes() for plane in planes)
     return {
         "width": width,
         "height": height,
@@ -83,12 +85,6 @@ def _data(depth: DepthMap, surface: Surface, stride: int) -> dict[str, Any]:
         "log_step": log_step,
         "grid": _text(zlib.compress(grid, 9)),
     }
-
-
-def _planes(steps: UInt16Array) -> bytes:
-    """High bytes, then low ones, of the differences to the row above; a third of the size."""
-    differences = np.diff(steps, axis=0, prepend=np.uint16(0))
-    return (differences >> 8).astype(np.uint8).tobytes() + differences.astype(np.uint8).tobytes()
 
 
 def _module(name: str) -> str:

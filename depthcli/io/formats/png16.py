@@ -59,9 +59,11 @@ def stored_steps(
         return steps, texts, (warning,) if saturated else ()
     scale = "normalized"
     if options.png_inverse and is_metric:
-        scale = "inverse"
-        depth = replace(depth, values=reciprocal(depth.values))
-        options = _reciprocal_ends(options)
+        least, most = options.vmin, options.vmax
+        if any(end is not None and end <= 0 for end in (least, most)):
+            raise OutputError("0 m has no inverse", "give {vmin} and {vmax} above 0")
+        scale, depth = "inverse", replace(depth, values=reciprocal(depth.values))
+        options = replace(options, vmin=most and 1 / most, vmax=least and 1 / least)
     steps, (low, high), saturated = stretched(depth, options)
     texts |= {"scale": scale, "range": f"{low:.9g} {high:.9g}"}
     warning = f"{depth.kind} depth has no unit; {suffix} is normalized"
@@ -73,14 +75,6 @@ def stored_steps(
         beyond = f"outside {ends[0]:.6g} to {ends[1]:.6g}{' m' if is_metric else ''}"
         warnings += (f"{saturated} pixels {beyond} were saturated",)
     return steps, texts, warnings
-
-
-def _reciprocal_ends(options: Png16Writer) -> Png16Writer:
-    """The range of 1/depth for that of metres."""
-    low, high = options.vmin, options.vmax
-    if any(end is not None and end <= 0 for end in (low, high)):
-        raise OutputError("0 m has no inverse", "give {vmin} and {vmax} above 0")
-    return replace(options, vmin=high and 1 / high, vmax=low and 1 / low)
 
 
 def stretched(

@@ -77,7 +77,9 @@ def decode_jpeg(data: bytes) -> Decoded:
             raise InputError(f"is damaged ({error})", "copy it again") from error
         return decode_with_opencv(data)  # TurboJPEG has no name for it (zune-image #276)
     if colours == "CMYK":
-        pixels = _rgb_of_inverted_cmyk(pixels)
+        wide = pixels.astype(np.uint16)  # 255 is no ink, as Adobe's programs write it
+        black = wide[..., 3:]
+        pixels = (black - ((255 - wide[..., :3]) * black >> 8)).astype(np.uint8)
     return Decoded(pixels[..., 0] if colours == "GRAY" else pixels, exif_of_jpeg(data))
 
 
@@ -109,13 +111,6 @@ def _without_flaw(data: bytes, message: str) -> bytes:
         version = data.find(_JFIF) + len(_JFIF)
         return data[:version] + b"\1\1" + data[version + 2 :]
     return data
-
-
-def _rgb_of_inverted_cmyk(cmyk: UInt8Array) -> UInt8Array:
-    """(H, W, 3) of (H, W, 4), in which 255 is no ink, as Adobe's programs write it."""
-    wide = cmyk.astype(np.uint16)
-    black = wide[..., 3:]
-    return (black - ((255 - wide[..., :3]) * black >> 8)).astype(np.uint8)
 
 
 def _frame(data: bytes) -> tuple[int, int, int]:

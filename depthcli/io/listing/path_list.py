@@ -89,7 +89,10 @@ def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]
     first = list(islice(words, _MAX_PROBED))
     base = os.path.abspath(root or ".")  # noqa: PTH100 - links stay as named
     starts = (root or "",) if paths.is_remote(root or "") else (root or "", "")
-    start = max(starts, key=lambda folder: _existing(first, folder))
+    start = max(
+        starts,
+        key=lambda folder: sum(os.path.lexists(os.path.join(folder, word)) for word in first),  # noqa: PTH118
+    )
     for word in chain(first, words):
         path = paths.join(start, word)
         is_whole = root is None and os.path.isabs(path)  # noqa: PTH117 - may be a URI
@@ -120,10 +123,6 @@ def _listed_uri(uri: str, root: str) -> InputFile | None:
         return InputFile(str(path).partition("://")[2], uri)
     except UsageError as error:
         return InputFile(uri.replace("://", "/"), uri, str(error))
-
-
-def _existing(words: Iterable[str], folder: str) -> int:
-    return sum(os.path.lexists(os.path.join(folder, word)) for word in words)  # noqa: PTH118
 
 
 def _relative_name(path: str, base: str) -> str:
