@@ -453,9 +453,7 @@ TARGETS: dict[str, Target] = {
         read_index,
     ),
     "cameras": Target(
-        "cameras.csv",
-        lambda: [b"id,focal_px,hfov_deg,cx,cy\na,30,,,\nb,,60,3.5,-2\n"],
-        read_lenses,
+        "cameras.csv", lambda: [b"id,focal_px,hfov_deg,cx,cy\na,30,,,\nb,,60,3.5,-2\n"], read_lenses
     ),
     "checkpoint": Target("a.ckpt", lambda: [_checkpoint()], Checkpoint.load),
     "metrics": Target(

@@ -45,11 +45,7 @@ def build(card: str) -> Authors:
     """The network with 4 layers, 48 channels wide."""
     has_sky = card.endswith(("mono", "metric"))
     small = partial(
-        vision_transformer.DinoVisionTransformer,
-        embed_dim=48,
-        depth=4,
-        num_heads=2,
-        block_chunks=0,
+        vision_transformer.DinoVisionTransformer, embed_dim=48, depth=4, num_heads=2, block_chunks=0
     )
     dinov2.vit_small = small
     alternates = -1 if has_sky else 2

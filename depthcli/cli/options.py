@@ -56,9 +56,7 @@ class RuntimeOptions:
         metavar="KEY=VALUE",
     )
     threads: int | None = option(
-        "Inference threads per worker. Default: cores / workers.",
-        min=1,
-        max=MAX_THREADS,
+        "Inference threads per worker. Default: cores / workers.", min=1, max=MAX_THREADS
     )
 
 
@@ -162,8 +160,7 @@ class DepthFileOptions:
         "likeliest by its name, of the eye of its image."
     )
     frame: int | None = option(
-        "Frame to read, from 0, of a depth video (.mkv) or of several maps in NPY or NPZ.",
-        min=0,
+        "Frame to read, from 0, of a depth video (.mkv) or of several maps in NPY or NPZ.", min=0
     )
 
 
@@ -248,8 +245,7 @@ class ReadOptions:
         "is then along the ray. Default: pinhole."
     )
     ignore_alpha: bool = option(
-        "Estimate the depth of transparent pixels, too, by their hidden colours.",
-        default=False,
+        "Estimate the depth of transparent pixels, too, by their hidden colours.", default=False
     )
 
 

@@ -229,11 +229,7 @@ def _are_indices(*values: float) -> bool:
 
 
 def numbers(
-    word: str,
-    form: str,
-    example: str,
-    holds: Callable[..., bool] = _are_finite,
-    option: str = "",
+    word: str, form: str, example: str, holds: Callable[..., bool] = _are_finite, option: str = ""
 ) -> list[float]:
     """The numbers of a form such as ``X,Y``; UsageError if it is not so, or out of range."""
     try:

@@ -281,11 +281,7 @@ class DepthVideoOutput(VideoFile):
     _codec = FFV1
 
     def __init__(
-        self,
-        target: Path | OutputPipe,
-        timing: Timing,
-        writing: WriterOptions,
-        guard: Guard | None,
+        self, target: Path | OutputPipe, timing: Timing, writing: WriterOptions, guard: Guard | None
     ) -> None:
         """Prepare the units per metre of 16-bit files; without metres, the ends of previews."""
         super().__init__(target, timing, guard)

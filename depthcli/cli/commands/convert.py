@@ -28,8 +28,7 @@ class InputOptions:
         "In a folder, skip matching files and folders; repeatable.", metavar="GLOB"
     )
     fps: str | None = groups.option(
-        "Frames per second of numbered files. Default: as the files state, else 25.",
-        metavar="RATE",
+        "Frames per second of numbered files. Default: as the files state, else 25.", metavar="RATE"
     )
 
 

@@ -102,10 +102,7 @@ def add_model_file(
 
 def remove_models(
     models: list[str] = typer.Argument(
-        ...,
-        metavar="NAME...",
-        autocompletion=completion.models,
-        help="Names of added models.",
+        ..., metavar="NAME...", autocompletion=completion.models, help="Names of added models."
     ),
 ) -> int:
     """Remove added models."""

@@ -57,11 +57,7 @@ def colour_table(name: Colormap, near: Near = Near.WARM) -> UInt8Array:
 
 
 def with_legend(
-    image: UInt8Array,
-    colours: UInt8Array,
-    near: float,
-    far: float,
-    kind: DepthKind,
+    image: UInt8Array, colours: UInt8Array, near: float, far: float, kind: DepthKind
 ) -> UInt8Array:
     """The image, (H, W, 3) RGB uint8, with a bar of (256, 3) colours at its right, near on top."""
     height = image.shape[0]
