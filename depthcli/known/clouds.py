@@ -55,8 +55,10 @@ def projected(cloud_m: _Values, camera: Intrinsics) -> KnownDepth:
     or far outside of any image are left out and counted in a warning.
     """
     if camera.focal_px is None or camera.centre_px is None:
-        told = "points in three dimensions need the focal length and the principal point in pixels"
-        raise InputError(told, "give {calibration}, or {focal_px} and {centre_px}")
+        problem = (
+            "points in three dimensions need the focal length and the principal point in pixels"
+        )
+        raise InputError(problem, "give {calibration}, or {focal_px} and {centre_px}")
     depth_m = cloud_m[:, 2]
     lowest_m, highest_m = DEPTH_M_RANGE
     is_before = np.isfinite(cloud_m).all(axis=1) & (depth_m >= lowest_m) & (depth_m <= highest_m)
@@ -65,16 +67,16 @@ def projected(cloud_m: _Values, camera: Intrinsics) -> KnownDepth:
     pixels = across * focal_px + np.array(camera.centre_px)
     is_near = (np.abs(pixels) < _MAX_PX).all(axis=1)
     pixels = np.rint(pixels[is_near]).astype(np.int64)
-    seen_m = depth_m[is_before][is_near]
-    nearest = np.argsort(seen_m, kind="stable")
+    depths_m = depth_m[is_before][is_near]
+    nearest = np.argsort(depths_m, kind="stable")
     places = pixels @ [1, 4 * int(_MAX_PX)]
     _, first = np.unique(places[nearest], return_index=True)
     chosen = np.sort(nearest[first])
     x, y = pixels[chosen].T
     lost = len(cloud_m) - int(is_near.sum())
-    told = f"{lost} of {len(cloud_m)} points are behind the camera, far outside or not finite"
-    warnings = (f"{told}, and are not used",) if lost else ()
-    return KnownDepth(x, y, seen_m[chosen], camera.size_px, warnings, may_be_outside=True)
+    problem = f"{lost} of {len(cloud_m)} points are behind the camera, far outside or not finite"
+    warnings = (f"{problem}, and are not used",) if lost else ()
+    return KnownDepth(x, y, depths_m[chosen], camera.size_px, warnings, may_be_outside=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +86,7 @@ class _Image:
     pose: tuple[float, ...]  #: quaternion w, x, y, z and translation, from the world to the camera
     camera: int
     #: (N, 3): column and row from the corner of the first pixel, and point; -1 for none
-    seen: _Values
+    sightings: _Values
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,21 +103,21 @@ def read_reconstruction(
 
     These are of cameras, images and points, binary or text; without ``units_per_m`` in their unit.
     """
-    found = _read(files, tuple(file.stat().st_mtime_ns for file in files))
+    model = _read(files, tuple(file.stat().st_mtime_ns for file in files))
     folder = files[0].parent
     parts = PurePath(image).parts
-    names = [n for n in found.images if parts[-len(PurePath(n).parts) :] == PurePath(n).parts]
+    names = [n for n in model.images if parts[-len(PurePath(n).parts) :] == PurePath(n).parts]
     if not names:
         raise InputError(f"{folder} has no image {image.name}")
-    seen_in = found.images[max(names, key=len)]
-    rows = [row for row in seen_in.seen.tolist() if int(row[2]) in found.points]
-    places = np.array([found.points[int(row[2])] for row in rows]).reshape(-1, 3)
-    depth = places @ rotation(*seen_in.pose[:4])[2] + seen_in.pose[6]
+    view = model.images[max(names, key=len)]
+    rows = [row for row in view.sightings.tolist() if int(row[2]) in model.points]
+    places = np.array([model.points[int(row[2])] for row in rows]).reshape(-1, 3)
+    depth = places @ rotation(*view.pose[:4])[2] + view.pose[6]
     depth_m = depth / (units_per_m or 1)
     is_before = (depth_m >= DEPTH_M_RANGE[0]) & (depth_m <= DEPTH_M_RANGE[1])
     if not is_before.any():
         raise InputError(f"{folder} has no points of {image.name}")
-    size_px = found.sizes_px[seen_in.camera]
+    size_px = model.sizes_px[view.camera]
     pixels, size_px = _as_shown(np.array(rows)[is_before, :2], size_px, image)
     x, y = np.floor(pixels).astype(np.int64).T  # from the corner
     unit = Message(
@@ -148,7 +150,7 @@ def _read(files: tuple[Path, ...], changed: tuple[int, ...]) -> _Reconstruction:
         if files[0].suffix == ".bin":
             cameras, images, points = colmap_lines(data[0]), _images(data[1]), _points(data[2])
         else:
-            texts = [one.decode() for one in data]
+            texts = [part.decode() for part in data]
             cameras = [line.split() for line in _lines(texts[0]) if line.strip()]
             images, points = _images_of_text(texts[1]), _points_of_text(texts[2])
         sizes_px = {int(words[0]): (int(words[2]), int(words[3])) for words in cameras}
@@ -167,9 +169,12 @@ def _images(data: bytes) -> Iterator[tuple[str, _Image]]:
         name = data[at:end].decode()
         (count,) = struct.unpack_from("<Q", data, end + 1)
         kinds = np.dtype([("pixel", "<2f8"), ("point", "<i8")])
-        seen = np.frombuffer(data, kinds, count, end + 9)
+        sightings = np.frombuffer(data, kinds, count, end + 9)
         at = end + 9 + count * kinds.itemsize
-        yield name, _Image(tuple(pose), camera, np.column_stack([seen["pixel"], seen["point"]]))
+        yield (
+            name,
+            _Image(tuple(pose), camera, np.column_stack([sightings["pixel"], sightings["point"]])),
+        )
 
 
 def _points(data: bytes) -> Iterator[tuple[int, tuple[float, float, float]]]:
@@ -191,8 +196,8 @@ def _images_of_text(text: str) -> Iterator[tuple[str, _Image]]:
     for line in lines:
         if line.strip():
             _, *numbers, camera, name = line.split(maxsplit=9)
-            seen = np.array(next(lines, "").split(), np.float64).reshape(-1, 3)
-            yield name.strip(), _Image(tuple(map(float, numbers)), int(camera), seen)
+            sightings = np.array(next(lines, "").split(), np.float64).reshape(-1, 3)
+            yield name.strip(), _Image(tuple(map(float, numbers)), int(camera), sightings)
 
 
 def _points_of_text(text: str) -> Iterator[tuple[int, tuple[float, float, float]]]:

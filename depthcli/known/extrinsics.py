@@ -54,9 +54,9 @@ def read_extrinsics(path: Path) -> Extrinsics:
     except InputError:
         raise
     except Exception as error:  # of the libraries, and of numbers in odd places
-        told = f"{path} is not the pose of a sensor in the camera"
+        problem = f"{path} is not the pose of a sensor in the camera"
         advice = "give 3×4 numbers, rotation and metres, x y z qx qy qz qw, or a matrix T_cam_lidar"
-        raise InputError(told, advice) from error
+        raise InputError(problem, advice) from error
     return only
 
 
@@ -105,8 +105,8 @@ def _named_poses(tree: Mapping[str, Any], frames: _Frames | None) -> Iterator[Ex
         yield _directed(_matrix([float(flat[name]) for name in _FLAT]), frames)
         return
     for name, value in tree.items():
-        own = frames if _UNDIRECTED.fullmatch(name) else None
-        yield from _poses(value, _frames_of(name) or own)
+        unnamed = frames if _UNDIRECTED.fullmatch(name) else None
+        yield from _poses(value, _frames_of(name) or unnamed)
 
 
 def _frames_of(name: str) -> _Frames | None:
@@ -134,20 +134,20 @@ def _directed(matrix: Float64Array, frames: _Frames) -> Extrinsics:
         raise InputError(f"{camera} has no axes of images", "give the pose in its optical frame")
     if camera is target:
         return Extrinsics(matrix)
-    told = f"the extrinsics take points of {source} to {target}, so their inverse is used"
-    return Extrinsics(np.asarray(np.linalg.inv(matrix), np.float64), (told,))
+    warning = f"the extrinsics take points of {source} to {target}, so their inverse is used"
+    return Extrinsics(np.asarray(np.linalg.inv(matrix), np.float64), (warning,))
 
 
 def _matrix(numbers: list[float]) -> Float64Array:
     """3×4 or 4×4 numbers, or a translation and a quaternion, as (4, 4)."""
-    found = np.array(numbers)
-    if len(found) == _QUATERNION:
-        turn = found[3:] / np.linalg.norm(found[3:])
-        if not np.allclose(turn, found[3:], atol=_UNIT):
+    values = np.array(numbers)
+    if len(values) == _QUATERNION:
+        turn = values[3:] / np.linalg.norm(values[3:])
+        if not np.allclose(turn, values[3:], atol=_UNIT):
             raise ValueError(numbers)
         x, y, z, w = turn
-        found = np.column_stack([rotation(w, x, y, z), found[:3]]).ravel()
-    rows = found.reshape(-1, _SIZE)
+        values = np.column_stack([rotation(w, x, y, z), values[:3]]).ravel()
+    rows = values.reshape(-1, _SIZE)
     if len(rows) == _SIZE and rows[3].tolist() != [0, 0, 0, 1]:
         raise ValueError(numbers)
     return np.concatenate([rows[:3], np.eye(_SIZE)[3:]])

@@ -72,21 +72,21 @@ class KnownDepthFiles:
         picture's own file is not its known depth, whatever its suffix.
         """
         folder = path_of(self.path)
-        above, slash, own = name.rpartition("/")
-        base = above + slash + (own.rpartition(".")[0] or own)
-        found = _files(folder, name) or _files(folder, name + OUTPUT)
-        if not found:
-            found = _files(folder, base, picture) or _files(folder, base + OUTPUT)
-            if found and shares_stem:
-                told = f"{found[0]} may be the known depth of this or another {safe_name(base)}"
-                raise InputError(told, f"name it {safe_name(name)}{found[0].suffix}")
-        if not found:
+        above, slash, last = name.rpartition("/")
+        base = above + slash + (last.rpartition(".")[0] or last)
+        files = _files(folder, name) or _files(folder, name + OUTPUT)
+        if not files:
+            files = _files(folder, base, picture) or _files(folder, base + OUTPUT)
+            if files and shares_stem:
+                problem = f"{files[0]} may be the known depth of this or another {safe_name(base)}"
+                raise InputError(problem, f"name it {safe_name(name)}{files[0].suffix}")
+        if not files:
             raise InputError(
                 f"{folder} has no known depth for it: {safe_name(base)} with {ALTERNATIVES}"
             )
-        if len(found) > 1:
-            raise InputError(f"{found[0]} and {found[1]} are both its known depth", "remove one")
-        return found[0]
+        if len(files) > 1:
+            raise InputError(f"{files[0]} and {files[1]} are both its known depth", "remove one")
+        return files[0]
 
 
 def _files(folder: Path, stem: str, picture: Path | None = None) -> list[Path]:

@@ -26,7 +26,7 @@ _Values = Float64Array
 
 
 class ScaleShift(NamedTuple):
-    """wanted = scale · value + shift."""
+    """target = scale · value + shift."""
 
     scale: float
     shift: float
@@ -37,7 +37,7 @@ class Pairs:
     """Values and what they should become."""
 
     values: _Values  #: (N,)
-    wanted: _Values  #: (N,)
+    targets: _Values  #: (N,)
     unit: _Values  #: (N,), above 0, in which the error of each pair is measured
     error_sd: float = 1.0  #: expected standard deviation of the errors, in their units
     shift_sd: float = math.inf  #: that of the shift, in the median unit; infinite if not known
@@ -50,13 +50,13 @@ class Pairs:
 
     def errors(self, fit: ScaleShift) -> _Values:
         """Absolute error of each pair, in its unit: (N,) float64."""
-        return np.abs(fit.scale * self.values + fit.shift - self.wanted) / self.unit
+        return np.abs(fit.scale * self.values + fit.shift - self.targets) / self.unit
 
     def thinned(self) -> "Pairs":
         """At most 100,000 pairs, evenly spaced in their order."""
         count = len(self.values)
         chosen = np.linspace(0, count - 1, min(count, _MOST)).astype(np.int64)
-        some = self.values[chosen], self.wanted[chosen], self.unit[chosen]
+        some = self.values[chosen], self.targets[chosen], self.unit[chosen]
         return Pairs(*some, self.error_sd, self.shift_sd)
 
 
@@ -71,7 +71,7 @@ def least_squares(pairs: Pairs, weights: _Values | None = None) -> ScaleShift:
     rows /= pairs.unit[:, None]
     weighted = rows * weights[:, None]
     normal = weighted.T @ rows + np.diag([0.0, (pairs.error_sd / pairs.shift_sd) ** 2])
-    scale, shift = np.linalg.lstsq(normal, weighted.T @ (pairs.wanted / pairs.unit))[0]
+    scale, shift = np.linalg.lstsq(normal, weighted.T @ (pairs.targets / pairs.unit))[0]
     return ScaleShift(float(scale) / centre, float(shift) * unit)
 
 
@@ -90,7 +90,7 @@ def robust(pairs: Pairs) -> tuple[ScaleShift, _Values]:
         The fit, and the weight of each pair in it, 0 of wrong ones: (N,) float64 in [0, 1].
     """
     some = pairs.thinned()
-    least = _EXACT * float(np.median(np.abs(some.wanted) / some.unit))
+    least = _EXACT * float(np.median(np.abs(some.targets) / some.unit))
     fit = least_squares(some)
     some = replace(some, error_sd=max(float(np.median(some.errors(fit))), least))
     for _ in range(_STEPS):
@@ -151,26 +151,26 @@ def fit_known_depth(
         fit puts a pixel at or behind the camera.
     """
     points = points if isinstance(points, KnownDepth) else KnownDepth.of(points)
-    shown = displayed_depth(depth, windows)
-    given = len(points)
-    inside = points.within(shown.width, shown.height)
-    values = shown.values[inside.y, inside.x].astype(np.float64)
-    known = has_depth(values, depth.kind)
-    if len(points) < ROBUST_FROM or not known.any():
-        for x, y in zip(inside.x[~known], inside.y[~known], strict=True):
+    displayed = displayed_depth(depth, windows)
+    count = len(points)
+    inside = points.within(displayed.width, displayed.height)
+    values = displayed.values[inside.y, inside.x].astype(np.float64)
+    has_value = has_depth(values, depth.kind)
+    if len(inside) < ROBUST_FROM or not has_value.any():
+        for x, y in zip(inside.x[~has_value], inside.y[~has_value], strict=True):
             raise UsageError(f"the map has no depth at {x},{y}; choose another pixel")
-    points = inside.where(known)
+    points = inside.where(has_value)
     if followed is not None:
-        result, used, how = depth, followed[known], DepthFit.NETWORK
+        result, used, how = depth, followed[has_value], DepthFit.NETWORK
     else:
-        result, used, how = _followed(depth, points, values[known], windows)
+        result, used, how = _followed(depth, points, values[has_value], windows)
     fitted_m = displayed_depth(result, windows).values[points.y, points.x]
     errors_m = np.abs(fitted_m - points.depth_m)
     errors_m = errors_m[np.isfinite(errors_m)]
     source = replace(
         depth.provenance,
         anchors=inside.listed(),
-        anchor_fit=AnchorFit(int(used.sum()), given, float(np.median(errors_m)), how),
+        anchor_fit=AnchorFit(int(used.sum()), count, float(np.median(errors_m)), how),
     )
     warnings, lost = inside.warnings, int(np.count_nonzero(depth.valid & ~result.valid))
     if lost:
@@ -184,12 +184,12 @@ def _followed(
     depth: DepthMap, points: KnownDepth, values: _Values, windows: Windows | None
 ) -> tuple[DepthMap, BoolArray, DepthFit]:
     """Fitted depth, which points it follows, and how; ``values`` are its own at the points."""
-    shown, inverse = displayed_depth(depth, windows), depth.kind is DepthKind.INVERSE
-    wanted = 1 / points.depth_m if inverse else points.depth_m
+    displayed, inverse = displayed_depth(depth, windows), depth.kind is DepthKind.INVERSE
+    targets = 1 / points.depth_m if inverse else points.depth_m
     # In which cell of a coarse grid over the image each point is.
-    columns = points.x * _GRID_COLUMNS // shown.width
-    cells = points.y * _ROWS // shown.height * _GRID_COLUMNS + columns
-    fit, used = _fit(values, wanted, depth.kind, cells)
+    columns = points.x * _GRID_COLUMNS // displayed.width
+    cells = points.y * _ROWS // displayed.height * _GRID_COLUMNS + columns
+    fit, used = _fit(values, targets, depth.kind, cells)
     if (values[used] * fit.scale + fit.shift <= 0).any():
         raise UsageError(
             "the fit puts a known point at or behind the camera; check the known depth"
@@ -231,7 +231,7 @@ def fitted(
 
 
 def _fit(
-    values: _Values, wanted: _Values, kind: DepthKind, cells: Int64Array
+    values: _Values, targets: _Values, kind: DepthKind, cells: Int64Array
 ) -> tuple[ScaleShift, BoolArray]:
     """The best scale and shift, and which points it is fitted to.
 
@@ -244,12 +244,12 @@ def _fit(
                 f"the map's value at the known point is {values[0]:g}, not above 0, so it fits no "
                 "scale; give two points"
             )
-        return ScaleShift(float(wanted[0] / values[0]), 0.0), used
+        return ScaleShift(float(targets[0] / values[0]), 0.0), used
     if kind is DepthKind.METRIC:
-        expected_m = values * np.median(wanted / values)
-        pairs = Pairs(values, wanted, expected_m, ERROR_SD, SHIFT_SD)
+        expected_m = values * np.median(targets / values)
+        pairs = Pairs(values, targets, expected_m, ERROR_SD, SHIFT_SD)
     elif np.ptp(values) > 0:
-        pairs = Pairs(values, wanted, np.ones_like(values))
+        pairs = Pairs(values, targets, np.ones_like(values))
     else:
         raise UsageError(
             "all known points have the same depth in the map; spread them over the scene"

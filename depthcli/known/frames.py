@@ -44,7 +44,7 @@ class KnownDepthOfFrames:
 
     def __init__(
         self,
-        stated: KnownDepthFiles | tuple[Anchor, ...],
+        source: KnownDepthFiles | tuple[Anchor, ...],
         fit: DepthFit | None = None,
         within_s: float | None = None,
     ) -> None:
@@ -52,27 +52,27 @@ class KnownDepthOfFrames:
 
         ``within_s`` is the largest distance from a frame in seconds; None for half a frame.
         """
-        self._stated, self._fit, self._within_s = stated, fit, within_s
+        self._source, self._fit, self._within_s = source, fit, within_s
         self.paths = list[Path]()
         self._of_all: KnownDepth | None = None
         self._each: Mapping[float, _Points] = {}
         self._is_timed = False
         self._read = lru_cache(maxsize=2)(read_file)
         self._reading = defaultdict[Path, Lock](Lock)
-        if isinstance(stated, tuple):
-            self._of_all = KnownDepth.of(stated) if stated else None
+        if isinstance(source, tuple):
+            self._of_all = KnownDepth.of(source) if source else None
             return
-        path = path_of(stated.path)
+        path = path_of(source.path)
         self.paths = [path]
         if path.is_dir():
             files = _numbered_files(path)
             self._each, self.paths = dict(sorted(files.items())), [*files.values()]
         elif path.suffix.lower() == ".csv":
-            self._read_table(path, stated)
+            self._read_table(path, source)
         else:
-            self._of_all = read_known_depth(stated)
-        if stated.extrinsics:
-            self.paths.append(stated.extrinsics)
+            self._of_all = read_known_depth(source)
+        if source.extrinsics:
+            self.paths.append(source.extrinsics)
 
     def of_frame(
         self, number: int, time_s: float, rate: float, numbers_a_second: float | None = None
@@ -81,29 +81,29 @@ class KnownDepthOfFrames:
 
         ``numbers_a_second`` is of images that are numbered by their times.
         """
-        found: _Points | None = self._of_all
+        points: _Points | None = self._of_all
         if self._each:
             keys, at = list(self._each), time_s if self._is_timed else number
             after = bisect_left(keys, at)
             nearest = min(keys[max(0, after - 1) : after + 1], key=lambda key: abs(key - at))
             within_s = 0.5 / rate if self._within_s is None else self._within_s
             within = within_s if self._is_timed else within_s * (numbers_a_second or rate)
-            found = self._each[nearest] if abs(nearest - at) <= within else None
-        if isinstance(found, Path) and isinstance(self._stated, KnownDepthFiles):
-            with self._reading[found]:  # once for all frames near a scan
-                found = self._read(found, self._stated)
-        return replace(found, fit=self._fit) if isinstance(found, KnownDepth) else None
+            points = self._each[nearest] if abs(nearest - at) <= within else None
+        if isinstance(points, Path) and isinstance(self._source, KnownDepthFiles):
+            with self._reading[points]:  # once for all frames near a scan
+                points = self._read(points, self._source)
+        return replace(points, fit=self._fit) if isinstance(points, KnownDepth) else None
 
     def states(self) -> list[object]:
         """What the depth of the frames depends on, for a fingerprint."""
         files = [(str(p), p.stat().st_size, p.stat().st_mtime_ns) for p in self.paths]
-        return [self._stated, self._fit, self._within_s, files]
+        return [self._source, self._fit, self._within_s, files]
 
-    def _read_table(self, path: Path, stated: KnownDepthFiles) -> None:
+    def _read_table(self, path: Path, files: KnownDepthFiles) -> None:
         table = CsvTable(read_bytes(path), str(path))
         key = next((name for name in _RULES if name in table.columns), None)
         if key is None:
-            self._of_all = read_file(path, stated)
+            self._of_all = read_file(path, files)
             return
         rows = numbers_of(table, {key: _RULES[key], **COLUMNS})
         self._is_timed = key == _TIME_S
@@ -119,12 +119,12 @@ def _numbered_files(folder: Path) -> dict[int, Path]:
     names = {path: path.stem.removesuffix(OUTPUT) for path in listed}
     last = {path: match for path, name in names.items() if (match := _LAST_NUMBER.search(name))}
     numbers = times_ns([names[path] for path in last]) or [int(match[1]) for match in last.values()]
-    found: dict[int, Path] = {}
+    files: dict[int, Path] = {}
     for path, at in zip(last, numbers, strict=True):
-        if at in found:
-            raise InputError(f"{found[at]} and {path} are both of frame {at}", "remove one")
-        found[at] = path
-    if not found:
+        if at in files:
+            raise InputError(f"{files[at]} and {path} are both of frame {at}", "remove one")
+        files[at] = path
+    if not files:
         advice = f"name its files by numbers, such as 000012{SUFFIXES[0]} for frame 12"
         raise InputError(f"{folder} has no known depth of any frame", advice)
-    return found
+    return files

@@ -71,8 +71,8 @@ class _Level:
         corners = np.minimum(node + _CORNERS, last)  # (8, 3, N)
         self._index = (corners[:, 0] * columns + corners[:, 1]) * depths + corners[:, 2]
         self._weight = np.where(_CORNERS, part, 1 - part).prod(axis=1)
-        own: _Values = (1 - part) ** 2 + part**2 + 2 * part * (1 - part) * _BESIDE
-        self.own = own.prod(axis=0) / _SELF
+        self_weight: _Values = (1 - part) ** 2 + part**2 + 2 * part * (1 - part) * _BESIDE
+        self.self_weight = self_weight.prod(axis=0) / _SELF
 
     def spread(self, values: _Values) -> _Field:
         """Sum of (N,) values at each node, weighted by distance: (rows, columns, depths)."""
@@ -94,8 +94,8 @@ class _Level:
         last = field.shape[2] - 1
         place = np.minimum(np.arange(self.nodes[2]) * self.depth_step / depth_step, last)
         weight = np.maximum(1 - np.abs(place - np.arange(last + 1)[:, None]), 0)
-        found = cv2.resize(field @ weight.astype(np.float32), self.nodes[1::-1])
-        return np.asarray(found.reshape(self.nodes))
+        depths = cv2.resize(field @ weight.astype(np.float32), self.nodes[1::-1])
+        return np.asarray(depths.reshape(self.nodes))
 
 
 def log_correction(
@@ -158,12 +158,14 @@ def _left_out_errors(
     left = error = log_ratio
     used = list[_Level]()
     for level in levels:
-        total, own = level.spread(weights), weights * level.own
-        others = level.read(total) - own
+        total, self_weights = level.spread(weights), weights * level.self_weight
+        others = level.read(total) - self_weights
         if used and np.median(others) < _NEIGHBOURS:
             break
         weighted = level.spread(weights * left)
-        error = left - (level.read(weighted) - own * left) / (np.maximum(others, 0) + _STIFFNESS)
+        error = left - (level.read(weighted) - self_weights * left) / (
+            np.maximum(others, 0) + _STIFFNESS
+        )
         left = left - level.read(weighted / (total + _STIFFNESS))
         used.append(level)
     return error, used

@@ -47,8 +47,8 @@ class KnownDepth:
         is_known = np.isfinite(table).all(axis=1)
         is_known &= (table[:, 2] >= lowest) & (table[:, 2] <= highest)
         lost = np.count_nonzero(~is_known) if is_known.any() else 0
-        told = f"{lost} of {len(table)} points are behind the camera or not finite"
-        warnings = (f"{told}, and are not used",) if lost else ()
+        problem = f"{lost} of {len(table)} points are behind the camera or not finite"
+        warnings = (f"{problem}, and are not used",) if lost else ()
         table = table[is_known] if lost else table
         pixels = np.nan_to_num(np.rint(table[:, :2]), nan=-1)
         x, y = pixels.clip(-_MAX_PIXEL, _MAX_PIXEL).astype(np.int64).T
@@ -103,10 +103,12 @@ class KnownDepth:
         outside = int(np.count_nonzero(~inside))
         if not outside:
             return points
-        told = f"{outside} of {len(self)} known points are outside the image of {width}×{height}"
+        problem = f"{outside} of {len(self)} known points are outside the image of {width}×{height}"
         if outside == len(self) or (2 * outside > len(self) and not self.may_be_outside):
-            raise UsageError(f"{told}; give columns and rows of the upright image")
-        return replace(points.where(inside), warnings=(*self.warnings, f"{told} and are not used"))
+            raise UsageError(f"{problem}; give columns and rows of the upright image")
+        return replace(
+            points.where(inside), warnings=(*self.warnings, f"{problem} and are not used")
+        )
 
     def where(self, mask: BoolArray) -> Self:
         """Those for which a mask (N,) is true."""

@@ -44,57 +44,57 @@ def read_known_depth(
     return _of_phone(image, files.camera)
 
 
-def read_file(path: Path, stated: KnownDepthFiles) -> KnownDepth:
+def read_file(path: Path, files: KnownDepthFiles) -> KnownDepth:
     """The points of a CSV table, a cloud, or a sparse depth map of a stated scale and kind."""
     suffix = path.suffix.lower()
-    if suffix == ".csv" and (stated.scale or stated.kind):
+    if suffix == ".csv" and (files.scale or files.kind):
         raise InputError(
             f"{path} is in metres along the axis", "remove {anchors_scale} and {anchors_kind}"
         )
     if suffix in CLOUDS or (suffix == ".bin" and not COLMAP_MAP.match(read_bytes(path))):
-        return _of_cloud(path, stated)
+        return _of_cloud(path, files)
     if suffix == ".csv":
         return KnownDepth.of_table(numbers_of(CsvTable(read_bytes(path), str(path)), COLUMNS))
     options = DepthReadOptions(
-        stated.scale, stated.kind, camera=stated.camera, baseline_m=stated.baseline_m
+        files.scale, files.kind, camera=files.camera, baseline_m=files.baseline_m
     )
     try:
-        found = read_stored_depth(path, options)
+        stored = read_stored_depth(path, options)
     except UsageError as error:  # of this file, not of all that the scale is given for
         raise InputError(error.message, option="anchors_scale") from error
-    depth = found.displayed
+    depth = stored.displayed
     if not depth.is_metric:
         raise InputError(f"{path} holds {depth.kind} depth, which has no metres")
     points = KnownDepth.of_map(depth.values)
     if not len(points):
         raise InputError(f"{path} has no pixel with depth")
-    return replace(points, warnings=found.warnings_with_scale("anchors_scale"))
+    return replace(points, warnings=stored.warnings_with_scale("anchors_scale"))
 
 
-def _of_cloud(path: Path, stated: KnownDepthFiles) -> KnownDepth:
-    if stated.kind:
+def _of_cloud(path: Path, files: KnownDepthFiles) -> KnownDepth:
+    if files.kind:
         raise InputError(f"{path} has points in three dimensions", "remove {anchors_kind}")
-    cloud_m, doubts = read_cloud(path) / (stated.scale or 1), tuple[str, ...]()
-    if stated.extrinsics:
-        pose, doubts = read_extrinsics(stated.extrinsics)
+    cloud_m, doubts = read_cloud(path) / (files.scale or 1), tuple[str, ...]()
+    if files.extrinsics:
+        pose, doubts = read_extrinsics(files.extrinsics)
         cloud_m = cloud_m @ pose[:3, :3].T + pose[:3, 3]
-    points = projected(cloud_m, stated.camera)
+    points = projected(cloud_m, files.camera)
     points = replace(points, warnings=doubts + points.warnings)
     if not len(points):
         raise InputError(f"{path} has no point before the camera", "give its {extrinsics}")
-    return points if stated.scale else points.doubted("{anchors_scale} states another")
+    return points if files.scale else points.doubted("{anchors_scale} states another")
 
 
 def _of_phone(image: Path, camera: Intrinsics) -> KnownDepth:
-    found = read_embedded_depth(image, DepthReadOptions(camera=camera))
-    if found is None or not found.depth.is_metric:
-        kind = "no depth" if found is None else "relative depth, which has no metres,"
+    stored = read_embedded_depth(image, DepthReadOptions(camera=camera))
+    if stored is None or not stored.depth.is_metric:
+        kind = "no depth" if stored is None else "relative depth, which has no metres,"
         warning = f"{image} has {kind} of its own, so it is not fitted to any"
         return replace(KnownDepth.of(()), warnings=(warning,))
-    points = KnownDepth.of_map(found.depth.values)
+    points = KnownDepth.of_map(stored.depth.values)
     if not len(points):
         raise InputError(f"{image} has no pixel with depth of its own")
-    warnings = found.warnings or (f"{image}: its own depth is in metres",)
+    warnings = stored.warnings or (f"{image}: its own depth is in metres",)
     return replace(points, warnings=warnings)
 
 
@@ -102,8 +102,8 @@ def numbers_of(table: CsvTable, columns: Mapping[str, Rule]) -> Float64Array:
     """The numbers in some columns, one or more rows: (N, columns) float64."""
     for column in columns:
         if column not in table.columns:
-            told = f"{table.name} has no column {column}"
-            raise InputError(told, f"its first line has to name {', '.join(columns)}")
+            problem = f"{table.name} has no column {column}"
+            raise InputError(problem, f"its first line has to name {', '.join(columns)}")
     rows = [[row.number(column, rule) for column, rule in columns.items()] for row in table]
     if not rows:
         raise InputError(f"{table.name} has no points")

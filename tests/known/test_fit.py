@@ -340,7 +340,7 @@ def test_weight_of_a_point_at_itself_is_known() -> None:
     """Leaving a point out needs it; it depends on the place within the cell."""
     for place in ((0.31, 0.4, 0.52), (0.45, 0.33, 0.6), (0.5, 0.375, 0.5)):
         level = local_correction._Level(0.1, np.array([place]).T, 0.75, 0.0, 1.2)
-        assert level.read(level.spread(np.ones(1))) == pytest.approx(level.own, rel=1e-6)
+        assert level.read(level.spread(np.ones(1))) == pytest.approx(level.self_weight, rel=1e-6)
 
 
 def test_points_outside_are_left_out_and_counted() -> None:
