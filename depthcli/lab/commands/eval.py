@@ -99,9 +99,9 @@ class ReportOptions:
         """The files to write, which are checked."""
         from depthcli.lab.jobs.evaluate import ReportFiles
 
-        found = ReportFiles(self.csv, figures, self.html)
-        found.check()
-        return found
+        files = ReportFiles(self.csv, figures, self.html)
+        files.check()
+        return files
 
     def show(self, done: "EvalResult", files: "ReportFiles") -> None:
         """Print the table, and write the files."""
@@ -357,8 +357,8 @@ def _reading(models: ModelOptions) -> "DepthReadOptions":
 
     is_disparity = models.predictions_kind is choices.DepthEncoding.DISPARITY
     if is_disparity and models.baseline is None:
-        told = "disparity up to a factor is inverse"
-        raise UsageError(told, "give {baseline}, or inverse", option="predictions_kind")
+        message = "disparity up to a factor is inverse"
+        raise UsageError(message, "give {baseline}, or inverse", option="predictions_kind")
     return DepthReadOptions(
         kind=models.predictions_kind,
         unstated_scale=models.predictions_scale,

@@ -95,7 +95,7 @@ def export_onnx(
         half=network.fp16,
         opset=network.opset,
         tolerance=network.tolerance,
-        int8_pictures=network.int8,
+        int8_images=network.int8,
         license=card.license_name,
         hfov_deg=card.hfov,
         depth_factor=card.depth_factor,
@@ -107,13 +107,13 @@ def export_onnx(
     path = checkpoint.with_suffix(".onnx") if out is None else out
     path = path if path.suffix.lower() == ".onnx" else path / "model.onnx"
     done = export_checkpoint(checkpoint, path, options)
-    made, parity, sizes = done.card, done.parity, len(done.parity.cases)
+    written, parity, sizes = done.card, done.parity, len(done.parity.cases)
     if screen.as_json:
-        facts = {"path": str(done.path), "sha256": made.sha256, "bytes": made.size_bytes}
+        facts = {"path": str(done.path), "sha256": written.sha256, "bytes": written.size_bytes}
         console.out_json(facts | dataclasses.asdict(parity))
     elif not screen.quiet:
         console.out(
-            f"{done.path}  {(made.size_bytes or 0) / 1e6:.1f} MB  sha256 {made.sha256}\n"
+            f"{done.path}  {(written.size_bytes or 0) / 1e6:.1f} MB  sha256 {written.sha256}\n"
             f"parity at {sizes} size{'s' * (sizes != 1)}: max {parity.max_abs:.2g}, "
             f"mean {parity.mean_abs:.2g} (allowed {parity.tolerance:g})"
         )

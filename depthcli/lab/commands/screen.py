@@ -43,7 +43,7 @@ def show_config(config: TrainConfig) -> None:
 def _assignments(values: dict[str, object]) -> None:
     for name, value in values.items():
         if isinstance(value, dict):
-            items = ", ".join(f"{json.dumps(key)} = {one}" for key, one in value.items())
+            items = ", ".join(f"{json.dumps(key)} = {item}" for key, item in value.items())
             console.out(f"{name} = {{{items}}}")
         else:
             console.out(f"{name} = {json.dumps(value)}")
@@ -77,8 +77,8 @@ class EpochCallback(Callback):
         self._losses = losses
         if self._stage is None:
             silent = self._as_json or not sys.stderr.isatty()
-            shown = self._stack.enter_context(show_progress(silent=silent))
-            self._steps, self._stage = steps, shown.begin("training", steps, "steps")
+            progress = self._stack.enter_context(show_progress(silent=silent))
+            self._steps, self._stage = steps, progress.begin("training", steps, "steps")
             self._stage.skip(state.step)
         else:
             self._stage(1)

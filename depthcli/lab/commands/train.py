@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
     from depthcli.lab.training.config import TrainConfig
 
+_PRESETS = ", ".join(
+    f"{name} (for {method})" if method else name for name, method in PRESETS.items()
+)
 _ACCELERATORS = ("auto", "cpu", "cuda", "mps")
 
 
@@ -84,8 +87,7 @@ class ConfigOptions:
     """Configuration."""
 
     preset: str | None = options.usual(
-        "Configuration preset: "
-        f"{', '.join(f'{name} (for {own})' if own else name for name, own in PRESETS.items())}.",
+        f"Configuration preset: {_PRESETS}.",
         metavar="NAME",
         autocompletion=offered(PRESETS),
     )

@@ -72,9 +72,9 @@ class DepthDataset(ABC):
     @cached_property
     def focal_px(self) -> tuple[float, ...]:
         """Focal length of each image, in its own pixels; empty if one is not known."""
-        found = (pair.camera.focal_px for pair in self.pairs)
-        known = tuple(focal_px for focal_px in found if focal_px is not None)
-        return known if len(known) == len(self) else ()
+        every = (pair.camera.focal_px for pair in self.pairs)
+        focals_px = tuple(focal_px for focal_px in every if focal_px is not None)
+        return focals_px if len(focals_px) == len(self) else ()
 
     def files(self, i: int) -> list[Path]:
         """Image and depth of pair ``i``, as far as they are files."""
@@ -156,13 +156,15 @@ def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:
                 advice = "give index.csv (id,scene,official_split) with train or test for each pair"
                 raise DatasetError("the official split of some pairs is not known", advice)
         case SplitName.VAL:
-            seen = [s for s, x in zip(dataset.scenes, labels, strict=True) if x < PAPER_TRAIN_COUNT]
-            held_out = held_out_scenes(seen)
+            scenes = [
+                s for s, x in zip(dataset.scenes, labels, strict=True) if x < PAPER_TRAIN_COUNT
+            ]
+            held_out = held_out_scenes(scenes)
             parts = [
                 "" if label >= PAPER_TRAIN_COUNT else "test" if scene in held_out else "train"
                 for scene, label in zip(dataset.scenes, labels, strict=True)
             ]
-            if len(seen) == PAPER_TRAIN_COUNT:
+            if len(scenes) == PAPER_TRAIN_COUNT:
                 counts = parts.count("train"), parts.count("test")
     train = tuple(i for i, part in enumerate(parts) if part == "train")
     test = tuple(i for i, part in enumerate(parts) if part == "test")
@@ -185,8 +187,8 @@ def label_id(dataset_id: str) -> str:
 
 def _label(dataset_id: str) -> int:
     if not is_label(dataset_id):
-        told = f"id {dataset_id!r} is not a label number of NYU Depth v2 (0000 to 1448)"
-        raise DatasetError(told, "evaluate pairs of your own with 'depthcli eval pairs'")
+        message = f"id {dataset_id!r} is not a label number of NYU Depth v2 (0000 to 1448)"
+        raise DatasetError(message, "evaluate pairs of your own with 'depthcli eval pairs'")
     return int(dataset_id)
 
 
@@ -242,6 +244,6 @@ def opener_of(folder: Path) -> Opener | None:
     """The function that opens a folder; None if no file is recognized."""
     for name, entry in LAYOUTS.items():
         if (folder / name).is_file():
-            found: Opener = resolve_name(f"depthcli.lab.datasets.{entry}")
-            return found
+            opener: Opener = resolve_name(f"depthcli.lab.datasets.{entry}")
+            return opener
     return None

@@ -146,12 +146,12 @@ class FolderDataset(DepthDataset):
             return self
         with as_dataset_error():
             metadata = [read_metadata(_file(pair.depth)) for pair in self.pairs]
-        found = [positive_number(texts.get("focal_px")) for texts in metadata]
-        if 0 < found.count(None) < len(found):
-            silent = self.pairs[found.index(None)].depth
-            told = f"{silent} states no focal length, but other depth images beside it do"
-            raise DatasetError(told, f"add {CAMERAS_NAME} (id,focal_px) with that of each pair")
-        pairs = zip(self.pairs, found, strict=True)
+        focals_px = [positive_number(texts.get("focal_px")) for texts in metadata]
+        if 0 < focals_px.count(None) < len(focals_px):
+            silent = self.pairs[focals_px.index(None)].depth
+            message = f"{silent} states no focal length, but other depth images beside it do"
+            raise DatasetError(message, f"add {CAMERAS_NAME} (id,focal_px) with that of each pair")
+        pairs = zip(self.pairs, focals_px, strict=True)
         return replace(self, pairs=tuple(replace(p, camera=Intrinsics(f)) for p, f in pairs))
 
     def without_unfit_cameras(self) -> tuple[Self, tuple[str, ...]]:
@@ -165,8 +165,8 @@ class FolderDataset(DepthDataset):
             if pair.camera not in fits:
                 height, width = self._image_shape(i)
                 fits[pair.camera] = _is_of(pair.camera, width, height)
-            kept = pair if fits[pair.camera] else replace(pair, camera=UNKNOWN_CAMERA)
-            pairs.append(kept)
+            fitting = pair if fits[pair.camera] else replace(pair, camera=UNKNOWN_CAMERA)
+            pairs.append(fitting)
         if all(fits.values()):
             return self, ()
         warning = Message(
@@ -216,8 +216,8 @@ def in_view(depth_m: Float32Array, pair: Pair, shape: tuple[int, int]) -> Float3
         return depth_m
     if abs(width * rows / (height * columns) - 1) > _SIMILAR_ASPECT:
         advice = "register the depth to it, or add intrinsic_color.txt and intrinsic_depth.txt"
-        told = f"{pair.image} is {width}×{height}, its depth {columns}×{rows}: another view"
-        raise DatasetError(told, advice)
+        message = f"{pair.image} is {width}×{height}, its depth {columns}×{rows}: another view"
+        raise DatasetError(message, advice)
     resized = cv2.resize(depth_m, (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
     return np.asarray(resized, np.float32)
 
@@ -274,13 +274,13 @@ def _with_cameras(path: Path, pairs: tuple[Pair, ...]) -> tuple[Pair, ...]:
         return pairs
     with as_dataset_error():
         lenses = read_lenses(table)
-    found = [replace(pair, camera=lenses.get(pair.id, UNKNOWN_CAMERA)) for pair in pairs]
-    missing = [pair.id for pair in found if pair.camera.focal_px is None]
+    with_cameras = [replace(pair, camera=lenses.get(pair.id, UNKNOWN_CAMERA)) for pair in pairs]
+    missing = [pair.id for pair in with_cameras if pair.camera.focal_px is None]
     if missing:
         raise DatasetError(
             f"{table} has no focal_px of {missing[0]!r}: it needs id,focal_px and each pair"
         )
-    return tuple(found)
+    return tuple(with_cameras)
 
 
 def open_unpaired_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> FolderDataset:

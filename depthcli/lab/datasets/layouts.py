@@ -97,19 +97,19 @@ def list_pairs(root: Path, patterns: tuple[str, str] | None = None) -> Listing:
     if patterns:
         image, depth = map(_expression, patterns)
         layout = Layout(f"{patterns[0]} and {patterns[1]}", image, depth)
-        found = _paired(root, layout, list_files(root))
-        if not found.pairs:
+        listing = _paired(root, layout, list_files(root))
+        if not listing.pairs:
             raise DatasetError(f"{root} has no files of one name by {layout.name}")
-        return found
+        return listing
     if tables := sorted(root.glob("assoc*.txt")):
         return Listing(_associated(tables[0]), f"TUM RGB-D, by {tables[0].name}", _TUM_UNITS)
     is_plain = (root / "rgb").is_dir() and (root / "depth").is_dir()
     files = list_files(root, ("rgb", "depth") if is_plain else ("",))
     layouts = (_PLAIN,) if is_plain else _LAYOUTS[1:]
     listings = (_paired(root, layout, files) for layout in layouts)
-    for found in listings:
-        if found.pairs:
-            return found
+    for listing in listings:
+        if listing.pairs:
+            return listing
     raise DatasetError(
         f"{root} has no pairs of image and depth in a known layout: rgb/ and depth/, color/ and "
         "depth/, *.color.png and *.depth.png, TUM RGB-D or KITTI",
@@ -132,22 +132,22 @@ def list_files(root: Path, folders: Iterable[str] = ("",)) -> list[str]:
         raise DatasetError(f"{root} is not a folder")
     walked = (entry for folder in folders for entry in os.walk(root / folder, followlinks=True))
     files = (Path(parent, name) for parent, _, names in walked for name in names)
-    found = (file for file in files if not file.name.startswith(".") and file.is_file())
-    return sorted(file.relative_to(root).as_posix() for file in found)
+    visible = (file for file in files if not file.name.startswith(".") and file.is_file())
+    return sorted(file.relative_to(root).as_posix() for file in visible)
 
 
 def matching(root: Path, files: Iterable[str], expression: str) -> dict[str, Path]:
     """Files whose path is of an expression, by its groups."""
-    compiled, found = re.compile(expression, re.IGNORECASE), dict[str, Path]()
+    compiled, paths = re.compile(expression, re.IGNORECASE), dict[str, Path]()
     for file in files:
         match = compiled.fullmatch(file)
         if match is None:
             continue
         name = "/".join(part.strip("/") for part in match.groups() if part)
-        if name in found:
-            raise DatasetError(f"{found[name]} and {root / file} share one name: remove one")
-        found[name] = root / file
-    return found
+        if name in paths:
+            raise DatasetError(f"{paths[name]} and {root / file} share one name: remove one")
+        paths[name] = root / file
+    return paths
 
 
 def _expression(pattern: str) -> str:
@@ -179,7 +179,7 @@ def _paired(root: Path, layout: Layout, files: list[str]) -> Listing:
 
 
 def _pair(root: Path, name: str, image: Path, depth: Path) -> Pair:
-    own = image.parent.with_name("intrinsics") / f"{image.stem}.txt"  # in KITTI's selection
+    camera_file = image.parent.with_name("intrinsics") / f"{image.stem}.txt"  # in KITTI's selection
     part = name.partition("/")[0]
     return Pair(
         name,
@@ -187,8 +187,8 @@ def _pair(root: Path, name: str, image: Path, depth: Path) -> Pair:
         part if part in _PARTS else "",
         image=image,
         depth=depth,
-        camera=read_calibration(own)
-        if own.is_file()
+        camera=read_calibration(camera_file)
+        if camera_file.is_file()
         else _camera_near(image.parent, root, _COLOUR_CAMERAS),
         depth_camera=_camera_near(depth.parent, root, _DEPTH_CAMERAS),
     )

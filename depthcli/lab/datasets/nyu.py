@@ -74,7 +74,7 @@ def open_mat(path: Path) -> NyuMat:
         file = h5py.File(path, "r")
         count = min(len(file[name]) for name in ("images", "depths"))
         references = np.ravel(file["scenes"][()])
-        scenes = ["".join(map(chr, np.ravel(file[one][()]))) for one in references]
+        scenes = ["".join(map(chr, np.ravel(file[reference][()]))) for reference in references]
     except _DAMAGED as error:
         raise DatasetError(
             f"{path} is not a complete {MAT_NAME}",
@@ -82,9 +82,9 @@ def open_mat(path: Path) -> NyuMat:
         ) from error
     index_path = path.with_name(INDEX_NAME)
     index = read_index(index_path) if index_path.is_file() else {}
-    known = {pair_id: pair.official_split for pair_id, pair in index.items()}
+    splits = {pair_id: pair.official_split for pair_id, pair in index.items()}
     ids = [f"{i:04d}" for i in range(count)]
-    pairs = (Pair(i, scene, known.get(i, "")) for i, scene in zip(ids, scenes, strict=True))
+    pairs = (Pair(i, scene, splits.get(i, "")) for i, scene in zip(ids, scenes, strict=True))
     return NyuMat(tuple(pairs), path, file)
 
 
@@ -99,8 +99,8 @@ def located_nyu(path: Path) -> Path:
     if path != Path("nyu") or path.exists():
         return path
     if _ENVIRONMENT not in os.environ:
-        told = f"{_ENVIRONMENT} does not say where NYU Depth v2 is"
-        raise DatasetError(told, f"set it to {MAT_NAME} ({_WHOLE}) from {_PAGE}")
+        message = f"{_ENVIRONMENT} does not say where NYU Depth v2 is"
+        raise DatasetError(message, f"set it to {MAT_NAME} ({_WHOLE}) from {_PAGE}")
     return Path(os.environ[_ENVIRONMENT])
 
 
@@ -135,8 +135,8 @@ def open_indexed_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> fo
     """Open a folder with rgb/, depth/ and index.csv, of NYU Depth v2 or of one's own."""
     index = read_index(path / INDEX_NAME)
     if all(map(is_label, index)):
-        known = DepthReadOptions(unstated_scale=MILLIMETRES)
-        dataset = folders.open_paired_folder(path, known, plausible_m=PLAUSIBLE_M)
+        millimetres = DepthReadOptions(unstated_scale=MILLIMETRES)
+        dataset = folders.open_paired_folder(path, millimetres, plausible_m=PLAUSIBLE_M)
         dataset = replace(dataset, notes=())
     else:
         dataset = folders.open_paired_folder(path, reading)

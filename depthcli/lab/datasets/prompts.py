@@ -53,8 +53,8 @@ class Prompt:
 
     def __str__(self) -> str:
         errors = {"noise": self.noise, "wrong": self.wrong}
-        told = "".join(f",{name}={share:g}" for name, share in errors.items() if share)
-        return f"{self.pattern}:{self.size}{told}"
+        suffix = "".join(f",{name}={share:g}" for name, share in errors.items() if share)
+        return f"{self.pattern}:{self.size}{suffix}"
 
     def draw(self, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Map:
         """Draw known depth from a map.
@@ -78,8 +78,8 @@ class Prompt:
         seen_m = depth_m[(y + rows).clip(0, height - 1), (x + columns).clip(0, width - 1)]
         seen_m = self._with_errors(seen_m.astype(np.float64), random)
         sparse = np.zeros(depth_m.shape, np.float32)
-        known = np.isfinite(seen_m) & (seen_m > 0)
-        sparse[y[known], x[known]] = seen_m[known]
+        has_depth = np.isfinite(seen_m) & (seen_m > 0)
+        sparse[y[has_depth], x[has_depth]] = seen_m[has_depth]
         return sparse
 
     def _with_errors(self, seen_m: Float64Array, random: np.random.Generator) -> Float64Array:
@@ -114,9 +114,9 @@ def _lidar(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generato
     x, size = np.arange(width), prompt.size
     lines = (np.arange(size)[:, None] + phase) * height / size + slope * (x - width / 2)
     y, x = np.rint(lines).astype(np.int64).ravel(), np.tile(x, size)
-    seen = (y >= 0) & (y < height)
-    seen &= random.random(len(x)) < random.uniform(_LEAST_DENSITY, 1)
-    return y[seen], x[seen]
+    is_point = (y >= 0) & (y < height)
+    is_point &= random.random(len(x)) < random.uniform(_LEAST_DENSITY, 1)
+    return y[is_point], x[is_point]
 
 
 def _camera(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
@@ -128,8 +128,8 @@ def _camera(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generat
     y = ((np.arange(rows) + 0.5) * height / rows).astype(np.int64)
     seen_m = depth_m[y[:, None], x]
     is_hole = _beside_edge(seen_m) & (random.random(seen_m.shape) < _EDGE_HOLES)
-    found = np.nonzero((seen_m > 0) & (seen_m < prompt.range_m) & ~is_hole)
-    return y[found[0]], x[found[1]]
+    places = np.nonzero((seen_m > 0) & (seen_m < prompt.range_m) & ~is_hole)
+    return y[places[0]], x[places[1]]
 
 
 def _beside_edge(depth_m: _Map) -> BoolArray:
@@ -164,8 +164,8 @@ def parsed_prompt(text: str) -> Prompt:
     form = _FORM.fullmatch(text)
     if form is None or form[1] not in tuple(Pattern):
         raise UsageError(
-            f"{short_repr(text)} is no pattern: give {', '.join(f'{one}:N' for one in Pattern)}, "
-            "and if needed ,noise=0.02 or ,wrong=0.25"
+            f"{short_repr(text)} is no pattern: give {':N, '.join(Pattern)}:N, and if needed "
+            ",noise=0.02 or ,wrong=0.25"
         )
     errors = dict(part.split("=") for part in form[3].split(",")[1:])
     noise, wrong = (float(errors.get(name, 0)) for name in ("noise", "wrong"))

@@ -10,7 +10,7 @@ from depthcli.lab.datasets import folders, layouts, nyu
 from depthcli.lab.datasets.base import PAPER_TRAIN_COUNT, DepthDataset, opener_of
 
 NYU_HFOV_DEG = 63.3  #: horizontal field of view of NYU Depth v2's camera, degrees
-NYU_ASPECT = 4 / 3  #: width over height of NYU Depth v2's pictures
+NYU_ASPECT = 4 / 3  #: width over height of NYU Depth v2's images
 NYU_PAPER = "NYU Depth v2, labelled pairs 1-1000"
 NYU_OFFICIAL = "NYU Depth v2, the official split's training pairs"
 
@@ -32,20 +32,20 @@ class TrainingData(NamedTuple):
 
     def with_pseudo_labels(self, pseudo_labels: folders.FolderDataset) -> "TrainingData":
         """Add further pairs, scaled to this data's camera if their focal lengths are known."""
-        known = pseudo_labels.with_stated_focal_px()
-        if known.focal_px:
-            known = known.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
-        return self._replace(pseudo_labels=known)
+        labels = pseudo_labels.with_stated_focal_px()
+        if labels.focal_px:
+            labels = labels.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
+        return self._replace(pseudo_labels=labels)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Assumptions about its files, one line each, in the words of the settings."""
-        found = []
+        messages = []
         for text in self.dataset.warnings:
             message = text if isinstance(text, Message) else Message(text)
             advice = message.advice.replace("{png_scale}", "data.units_per_metre")
-            found.append(Message(message.problem, advice))
-        return tuple(found)
+            messages.append(Message(message.problem, advice))
+        return tuple(messages)
 
     @property
     def pseudo_labels_title(self) -> str:
@@ -56,7 +56,7 @@ class TrainingData(NamedTuple):
 
     @property
     def aspect(self) -> float:
-        """Width over height of the first picture."""
+        """Width over height of the first image."""
         height, width = self.dataset.image(0).shape[:2]
         return float(width / height)
 
@@ -76,7 +76,7 @@ def open_training_data(
             the training part is used; another folder of
             :data:`~depthcli.lab.datasets.base.LAYOUTS`; or a folder of ``rgb/`` and ``depth/`` with
             other names than NYU's numbers, whose subfolders are the scenes if it has no index.csv.
-        paired: whether each picture needs its depth. If not, and names or sizes in the two folders
+        paired: whether each image needs its depth. If not, and names or sizes in the two folders
             differ, they are opened as unpaired.
         split: of NYU Depth v2, whose training part is used. Of other data, ``official`` is what the
             data itself names "train", and ``paper`` is all of it.

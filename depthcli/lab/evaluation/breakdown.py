@@ -51,7 +51,7 @@ def breakdowns(
     protocol: EvalProtocol,
 ) -> tuple[Breakdown, ...]:
     """The breakdowns of rows that have the scores of each image, and sums by distance."""
-    found = []
+    tables = []
     for part in dict.fromkeys(parts):
         if part is Part.DISTANCE:
             scored = list(_by_distance(rows, distance_ranges(protocol)))
@@ -59,8 +59,8 @@ def breakdowns(
             scored = list(_by_scene(rows, scenes))
         else:
             scored = list(_worst(rows))
-        found.append(Breakdown(part, _TITLES[part], tuple(scored)))
-    return tuple(found)
+        tables.append(Breakdown(part, _TITLES[part], tuple(scored)))
+    return tuple(tables)
 
 
 def _by_distance(
@@ -80,8 +80,8 @@ def _by_scene(rows: Sequence[ReportRow], scenes: Mapping[str, str]) -> Iterator[
     }
     for kind in sorted(set(kinds.values())):
         for row in rows:
-            own = [image for image in row.images if kinds[image.id] == kind]
-            yield PartScores(kind, _label(row), len(own), mean_of(own))
+            images = [image for image in row.images if kinds[image.id] == kind]
+            yield PartScores(kind, _label(row), len(images), mean_of(images))
 
 
 def _worst(rows: Sequence[ReportRow]) -> Iterator[PartScores]:

@@ -70,15 +70,15 @@ class Entry(NamedTuple):
 
 def entry_for(
     predictor: Predictor,
-    wanted: Sequence[Alignment] = (Alignment.NONE,),
+    alignments: Sequence[Alignment] = (Alignment.NONE,),
     train_overlap: int | None = None,
     mark: str = "",
 ) -> Entry:
     """An entry with those of the alignments that suit the predictor's kind of depth."""
-    suitable = tuple(a for a in dict.fromkeys(wanted) if a in SUITABLE[predictor.kind])
+    suitable = tuple(a for a in dict.fromkeys(alignments) if a in SUITABLE[predictor.kind])
     if not suitable:
-        told = f"{predictor.name} gives {predictor.kind} depth, which has to be aligned"
-        raise UsageError(told, f"add {{align}} {SUITABLE[predictor.kind][0]}")
+        message = f"{predictor.name} gives {predictor.kind} depth, which has to be aligned"
+        raise UsageError(message, f"add {{align}} {SUITABLE[predictor.kind][0]}")
     return Entry(predictor, suitable, train_overlap, mark)
 
 
@@ -123,8 +123,10 @@ def evaluate(
     )
     if scored and not any(row.pixel_count for row in scored):
         low_m, high_m = options.protocol.min_m, options.protocol.max_m
-        told = f"no pixel of {len(task.test)} images has depth between {low_m:g} and {high_m:g} m"
-        raise DatasetError(told, "check the unit, and the range that counts")
+        message = (
+            f"no pixel of {len(task.test)} images has depth between {low_m:g} and {high_m:g} m"
+        )
+        raise DatasetError(message, "check the unit, and the range that counts")
     rest = iter(scored)
     each = [[next(rest) for entry in line.entries for _ in entry.alignments] for line in lines]
     differences: tuple[report.Difference, ...] = ()
@@ -135,9 +137,9 @@ def evaluate(
     if not options.per_image:
         each = [[replace(row, images=()) for row in rows] for rows in each]
     rows: list[report.ReportRow] = []
-    for line, own in zip(lines, each, strict=True):
-        kinds = dict.fromkeys(row.alignment for row in own) if line.runs else {}
-        rows += own if not kinds else [_mean_row(line, own, alignment) for alignment in kinds]
+    for line, seeds in zip(lines, each, strict=True):
+        kinds = dict.fromkeys(row.alignment for row in seeds) if line.runs else {}
+        rows += seeds if not kinds else [_mean_row(line, seeds, alignment) for alignment in kinds]
     if any(line.runs for line in lines):
         rows = [*sorted(rows, key=_paper_order), *(report.PUBLISHED if options.published else ())]
     elif options.published and _is_headline(task, options):
@@ -170,7 +172,7 @@ def check_against(name: str, rows: Sequence[str], protocol: EvalProtocol = HEADL
 
 
 def _trivial_lines(task: EvalTask, options: EvalOptions, progress: Progress) -> list[_Line]:
-    wanted = (Alignment.NONE, Alignment.MEDIAN, *options.alignments)
+    alignments = (Alignment.NONE, Alignment.MEDIAN, *options.alignments)
     means = fit_trivial(
         task.dataset,
         task.split.train,
@@ -179,7 +181,7 @@ def _trivial_lines(task: EvalTask, options: EvalOptions, progress: Progress) -> 
         progress=progress,
         workers=options.workers,
     )
-    return [_Line(mean.name, (entry_for(mean, wanted),)) for mean in means]
+    return [_Line(mean.name, (entry_for(mean, alignments),)) for mean in means]
 
 
 def _lines(task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions) -> list[_Line]:
@@ -249,11 +251,11 @@ def _is_headline(task: EvalTask, options: EvalOptions) -> bool:
 
 
 def _range_note(scored: Sequence[report.ReportRow], options: EvalOptions) -> Iterator[str]:
-    outside, known = scored[0].outside if scored else (0, 0)
-    if 2 * outside > known:
+    outside, total = scored[0].outside if scored else (0, 0)
+    if 2 * outside > total:
         low_m, high_m = options.protocol.min_m, options.protocol.max_m
         yield (
-            f"{outside / known:.0%} of the true depth is not between {low_m:g} and {high_m:g} m "
+            f"{outside / total:.0%} of the true depth is not between {low_m:g} and {high_m:g} m "
             "and does not count: check its unit and the range"
         )
 
@@ -287,8 +289,8 @@ def _notes(task: EvalTask, lines: Sequence[_Line], options: EvalOptions) -> Iter
     if options.trivial and not split.train:
         yield "no training pair of this split is available: baselines are omitted"
     elif options.trivial and len(split.train) != split.train_count:
-        known = f"{len(split.train)} of the split's {split.train_count} training pairs"
-        yield f"the mean rows were computed from {known}"
+        counts = f"{len(split.train)} of the split's {split.train_count} training pairs"
+        yield f"the mean rows were computed from {counts}"
 
 
 class _ImageSums(NamedTuple):
@@ -338,8 +340,10 @@ def _footnotes(row: report.ReportRow, mark: str) -> Iterator[str]:
     if mark:
         yield mark
     if row.missing_count:
-        told = f"{row.missing_count} of {row.pixel_count} pixels, which count as the nearest depth"
-        yield f"{name} has no depth in {told}"
+        pixels = (
+            f"{row.missing_count} of {row.pixel_count} pixels, which count as the nearest depth"
+        )
+        yield f"{name} has no depth in {pixels}"
     if count and row.source is not report.Source.TRIVIAL:
         usual = ": its kind of depth may be wrong" if 2 * count > images else ""
         if row.alignment is not Alignment.NONE:
@@ -372,8 +376,8 @@ def score(
     score = partial(_score_image, dataset, entries, protocol, ranges_m)
     with one_thread_each(workers), closing(ordered_map(score, test, workers=workers)) as images:
         for position, image in zip(test, images, strict=True):
-            for own, one in zip(scored, image, strict=True):
-                own[dataset.ids[position]] = one
+            for by_id, sums in zip(scored, image, strict=True):
+                by_id[dataset.ids[position]] = sums
             advance(1)
     each = zip(rows, scored, strict=True)
     return tuple(_row_of(*row, protocol.averaging, images) for row, images in each)
@@ -387,15 +391,15 @@ def _score_image(
     position: int,
 ) -> list[_ImageSums]:
     """The scores of one image for every row; thread-safe."""
-    sample, found, depth_m = Sample(dataset, position), [], dataset.depth_m(position)
+    sample, rows, depth_m = Sample(dataset, position), [], dataset.depth_m(position)
     raw_depth_m = dataset.raw_depth_m(position) if protocol.mask is Mask.RAW else None
     try:
         truth = protocol.truth(depth_m, raw_depth_m)
     except DatasetError as error:
         raise DatasetError(error.message.about(sample.id)) from error
-    known = depth_m > 0
+    has_depth = depth_m > 0
     counted = (depth_m > protocol.min_m) & (depth_m < protocol.max_m)
-    outside = int(np.count_nonzero(known & ~counted)), int(np.count_nonzero(known))
+    outside = int(np.count_nonzero(has_depth & ~counted)), int(np.count_nonzero(has_depth))
     for entry in entries:
         depth = entry.predictor.predict(sample)
         for alignment in entry.alignments:
@@ -408,8 +412,8 @@ def _score_image(
                 exact = predicted.astype(np.float64), true_m.astype(np.float64)
                 _, turned = align(*exact, Alignment.DEPTH)
             sums, parts = PixelSums.of(pixels), sums_by_distance(pixels, ranges_m)
-            found.append(_ImageSums(sums, boundary, turned, missing, outside, parts))
-    return found
+            rows.append(_ImageSums(sums, boundary, turned, missing, outside, parts))
+    return rows
 
 
 def differences_from(
@@ -420,19 +424,21 @@ def differences_from(
     ``groups`` has the rows of the seeds by name, with scores per image, which are averaged over the
     seeds; ``scenes`` has the scene of each image id.
     """
-    found = []
+    differences = []
     for alignment in dict.fromkeys(row.alignment for row in groups[name]):
-        own = _per_image(groups[name], alignment)
+        minuend = _per_image(groups[name], alignment)
         order = [scenes[image.id] for image in groups[name][0].images]
         for other, rows in groups.items():
             if other == name or all(row.alignment is not alignment for row in rows):
                 continue
-            values = own - _per_image(rows, alignment)
+            values = minuend - _per_image(rows, alignment)
             intervals = tuple(scene_interval(column, order) for column in values.T)
             is_scored = np.isfinite(values).any(1)  # others were excluded
             scenes_scored = set(np.asarray(order)[is_scored])
-            found.append(report.Difference(name, other, alignment, intervals, len(scenes_scored)))
-    return tuple(found)
+            differences.append(
+                report.Difference(name, other, alignment, intervals, len(scenes_scored))
+            )
+    return tuple(differences)
 
 
 def _per_image(rows: Sequence[report.ReportRow], alignment: Alignment | None) -> Float64Array:

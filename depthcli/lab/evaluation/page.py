@@ -109,16 +109,16 @@ def _footnotes(report: EvalReport) -> list[str]:
     for name in metrics:
         if name in METRICS and METRICS[name].unit:
             units.setdefault(METRICS[name].unit, []).append(name)
-    stated = "".join(f"; {' and '.join(names)} in {unit}" for unit, names in units.items())
+    in_units = "".join(f"; {' and '.join(names)} in {unit}" for unit, names in units.items())
     marked = dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note)
     depths: dict[str, list[str]] = {}
     for row in report.rows:
         if row.source is not Source.PUBLISHED:
             depths.setdefault(row.stated, []).append(one_line(row.name))
-    kinds = (f"{stated} ({', '.join(dict.fromkeys(rows))})" for stated, rows in depths.items())
+    kinds = (f"{depth} ({', '.join(dict.fromkeys(rows))})" for depth, rows in depths.items())
     empty = sorted({row.empty_count for row in report.rows} - {0})
     return [
-        f"higher is better for {higher}, lower for the others{stated}",
+        f"higher is better for {higher}, lower for the others{in_units}",
         *([f"predictions: {'; '.join(kinds)}"] if depths else []),
         *marked,
         *report.notes,
@@ -134,8 +134,8 @@ def _differences(
     There are three lines for each difference: the mean and its interval's bounds.
     """
     for name in dict.fromkeys(difference.name for difference in differences):
-        own = [difference for difference in differences if difference.name == name]
-        yield _title(one_line(name), own[0].scene_count), _difference_cells(own)
+        group = [difference for difference in differences if difference.name == name]
+        yield _title(one_line(name), group[0].scene_count), _difference_cells(group)
 
 
 def _title(name: str, scenes: int) -> str:
@@ -148,12 +148,12 @@ def _title(name: str, scenes: int) -> str:
 def _difference_cells(differences: Sequence[Difference]) -> list[list[str]]:
     lines = [["minus", "align", "", *METRICS]]
     for difference in differences:
-        shown = difference.intervals
+        intervals = difference.intervals
         row = (one_line(difference.other), difference.alignment or "-")
         lines += [
-            [*row, "mean", *(_signed(i.mean, "!" if i.is_significant else " ") for i in shown)],
-            ["", "", "low", *(_signed(i.low) for i in shown)],
-            ["", "", "high", *(_signed(i.high) for i in shown)],
+            [*row, "mean", *(_signed(i.mean, "!" if i.is_significant else " ") for i in intervals)],
+            ["", "", "low", *(_signed(i.low) for i in intervals)],
+            ["", "", "high", *(_signed(i.high) for i in intervals)],
         ]
     return lines
 
@@ -165,9 +165,9 @@ def _parts(
     for breakdown in breakdowns:
         counted = "pixels" if breakdown.by is Part.DISTANCE else "images"
         lines = [[str(breakdown.by), "row", counted, *METRICS]]
-        for one in breakdown.scored:
-            scores = (_number(metric, value) for metric, value in one.scores.items())
-            lines.append([one_line(one.part), one_line(one.row), str(one.count), *scores])
+        for part in breakdown.scored:
+            scores = (_number(metric, value) for metric, value in part.scores.items())
+            lines.append([one_line(part.part), one_line(part.row), str(part.count), *scores])
         yield breakdown.title, lines
 
 

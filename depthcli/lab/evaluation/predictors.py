@@ -84,9 +84,8 @@ class ModelPredictor(Predictor):
 
     def predict(self, sample: Sample) -> DepthMap:
         """Depth at the image's size."""
-        points = None
-        if self.prompt is not None and (known := sample.known_points(self.prompt)):
-            points = replace(known, fit=self.fit)
+        drawn = sample.known_points(self.prompt) if self.prompt else None
+        points = replace(drawn, fit=self.fit) if drawn else None
         return self.pipeline.predict(sample.frame, sample.camera, points).depth
 
 
@@ -107,8 +106,8 @@ def open_model(
     pipeline = Pipeline(session, detail)
     name = str(loader.model or pipeline.card.name)
     kind = DepthKind.METRIC if prompt else pipeline.card.output.kind
-    stated = f"{kind}, m" if kind is DepthKind.METRIC else kind
-    return ModelPredictor(name, Source.MODEL, kind, stated, pipeline, prompt=prompt, fit=fit)
+    unit = f"{kind}, m" if kind is DepthKind.METRIC else kind
+    return ModelPredictor(name, Source.MODEL, kind, unit, pipeline, prompt=prompt, fit=fit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,8 +123,8 @@ class FilePredictor(Predictor):
         path = self.files[sample.id]
         stored = _read(path, self.reading, sample)
         if stored.depth.kind is not self.kind:
-            told = f"{path} states {stored.depth.kind} depth, and the first file {self.kind} depth"
-            raise DatasetError(told, "evaluate them in folders of their own")
+            kinds = f"{stored.depth.kind} depth, and the first file {self.kind} depth"
+            raise DatasetError(f"{path} states {kinds}", "evaluate them in folders of their own")
         return stored.displayed
 
 
@@ -138,8 +137,8 @@ def open_predictions(
     """
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder", "give one that holds ID.npy, .exr or .png")
-    ids, found = [sample.id for sample in samples], _found(folder, samples[0].dataset)
-    missing = {suffix: [i for i in ids if i not in files] for suffix, files in found.items()}
+    ids, by_suffix = [sample.id for sample in samples], _found(folder, samples[0].dataset)
+    missing = {suffix: [i for i in ids if i not in files] for suffix, files in by_suffix.items()}
     suffix = min(SUFFIXES, key=lambda s: len(missing[s]))
     if missing[suffix]:
         raise DatasetError(
@@ -147,7 +146,7 @@ def open_predictions(
             f"(first: {missing[suffix][0]}{suffix})",
             "every image of the split needs one that is named by its id, or as the image",
         )
-    files = {i: found[suffix][i] for i in ids}
+    files = {i: by_suffix[suffix][i] for i in ids}
     if several := next((paths for paths in files.values() if len(paths) > 1), None):
         raise DatasetError(f"{several[0]} and {several[1]} are of one image", "remove one")
     first = _read(files[ids[0]][0], reading, samples[0])
@@ -167,13 +166,13 @@ def open_predictions(
 def _found(folder: Path, dataset: DepthDataset) -> dict[str, dict[str, list[Path]]]:
     """The depth files of each image, by suffix and id."""
     id_of = _ids_by_name(dataset.pairs)
-    found: dict[str, dict[str, list[Path]]] = {suffix: {} for suffix in SUFFIXES}
+    files: dict[str, dict[str, list[Path]]] = {suffix: {} for suffix in SUFFIXES}
     for file in list_files(folder):
         for suffix in filter(file.endswith, SUFFIXES):
             image_id = id_of.get(file.removesuffix(suffix))
             if image_id is not None:
-                found[suffix].setdefault(image_id, []).append(folder / file)
-    return found
+                files[suffix].setdefault(image_id, []).append(folder / file)
+    return files
 
 
 def _ids_by_name(pairs: Sequence[Pair]) -> dict[str, str]:
@@ -234,8 +233,8 @@ def fit_trivial(
             if not counts.size:
                 sums, counts = np.zeros(depth_m.shape), np.zeros(depth_m.shape, np.int64)
             if depth_m.shape != sums.shape:
-                told = f"depth of {dataset.ids[i]} has another size than the others"
-                raise DatasetError(told, "leave out the baselines with {no_trivial}")
+                message = f"depth of {dataset.ids[i]} has another size than the others"
+                raise DatasetError(message, "leave out the baselines with {no_trivial}")
             valid_mask = (depth_m > min_m) & (depth_m < max_m)
             np.add(sums, depth_m, out=sums, where=valid_mask)
             counts += valid_mask

@@ -46,7 +46,7 @@ class EvalProtocol:
     #: (width, height) to which ground truth and prediction are resized before they are compared;
     #: None for the ground truth's size
     compare_px: tuple[int, int] | None = None
-    #: upsampling of the models' depth to the picture's size
+    #: upsampling of the models' depth to the image's size
     upsampling: Upsampling = Upsampling.BILINEAR
     #: width of the models' tiles in pixels; None for no tiles, 0 for 3/4 of the width
     tile_px: int | None = None
@@ -96,8 +96,8 @@ class EvalProtocol:
         """
         height, width = depth_m.shape
         if self.full_size_px is not None and (width, height) != self.full_size_px:
-            told = f"the depth is {width}×{height}, not {_size_text(self.full_size_px)}"
-            raise DatasetError(told, "give the data set at its full size")
+            message = f"the depth is {width}×{height}, not {_size_text(self.full_size_px)}"
+            raise DatasetError(message, "give the data set at its full size")
         valid = (depth_m > self.min_m) & (depth_m < self.max_m)
         if raw_depth_m is not None:
             if raw_depth_m.shape != depth_m.shape:

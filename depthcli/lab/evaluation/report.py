@@ -204,14 +204,16 @@ class EvalReport:
             "notes": self.notes,
         }
         if self.differences:
-            document["differences"] = [_difference_json(found) for found in self.differences]
+            document["differences"] = [
+                _difference_json(difference) for difference in self.differences
+            ]
         if self.breakdowns:
             document["breakdowns"] = {
-                one.by: [
+                breakdown.by: [
                     asdict(part) | {"scores": finite_or_none(part.scores.items())}
-                    for part in one.scored
+                    for part in breakdown.scored
                 ]
-                for one in self.breakdowns
+                for breakdown in self.breakdowns
             }
         if self.scenes and any(row.images for row in self.rows):
             document["scenes"] = dict(self.scenes)
@@ -304,7 +306,9 @@ def _difference_json(difference: Difference) -> dict[str, Any]:
         "row": difference.name,
         "minus": difference.other,
         "align": difference.alignment,
-        "intervals": {name: finite_or_none(asdict(found).items()) for name, found in intervals},
+        "intervals": {
+            name: finite_or_none(asdict(interval).items()) for name, interval in intervals
+        },
     }
 
 

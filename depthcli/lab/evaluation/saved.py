@@ -29,8 +29,8 @@ def read_report(path: Path) -> EvalReport:
     """The report of ``eval --json``, with scores of each image if it has them."""
     try:
         document: Any = parsed_json(read_bytes(path))
-        stated, split = document["protocol"], document["split"]
-        own = {name: value for name, value in stated.items() if name not in _WORDS}
+        protocol, split = document["protocol"], document["split"]
+        choices = {name: value for name, value in protocol.items() if name not in _WORDS}
         for name, facts in document.get("metrics", {}).items():
             metric = Metric(name, lambda _: (math.nan,), float, **facts, is_whole=True)
             METRICS.setdefault(name, metric)
@@ -40,7 +40,7 @@ def read_report(path: Path) -> EvalReport:
             image_count=split["images"],
             split_count=split["images_of_complete_split"],
             train_count=0,
-            protocol=validated(EvalProtocol, own),
+            protocol=validated(EvalProtocol, choices),
             rows=tuple(_row(row) for row in document["rows"]),
             notes=tuple(document["notes"]),
             scenes=document.get("scenes", {}),
@@ -60,7 +60,9 @@ def _row(row: Mapping[str, Any]) -> ReportRow:
         pixel_count=row["pixels"] or 0,
         note=row.get("note", ""),
         model_sha256=row.get("model_sha256"),
-        images=tuple(ImageScores(one["id"], _scores(one)) for one in row.get("per_image", ())),
+        images=tuple(
+            ImageScores(image["id"], _scores(image)) for image in row.get("per_image", ())
+        ),
         train_overlap=row.get("images_trained_on"),
     )
 
@@ -118,19 +120,21 @@ def _notes(reports: Sequence[EvalReport], labels: Sequence[str]) -> Iterator[str
 
 
 def _part_of(row: ReportRow, shared: set[str]) -> ReportRow:
-    images = sorted((one for one in row.images if one.id in shared), key=lambda one: one.id)
+    images = sorted(
+        (image for image in row.images if image.id in shared), key=lambda image: image.id
+    )
     if len(images) == len(row.images):
         return replace(row, images=tuple(images))
-    kept = replace(row, images=tuple(images), image_count=len(images), pixel_count=0)
-    seen = 0 if row.train_overlap == 0 else None  # of some of the images, it is not known
-    return replace(kept, scores=mean_of(images), train_overlap=seen)
+    part = replace(row, images=tuple(images), image_count=len(images), pixel_count=0)
+    overlap = 0 if row.train_overlap == 0 else None  # of some of the images, it is not known
+    return replace(part, scores=mean_of(images), train_overlap=overlap)
 
 
 def _differences(
     rows: Sequence[ReportRow], others: Sequence[ReportRow], scenes: Mapping[str, str]
 ) -> Iterator[Difference]:
     """Each row minus every other of the same alignment."""
-    groups = {row.name: [one for one in others if one.name == row.name] for row in others}
+    groups = {row.name: [other for other in others if other.name == row.name] for row in others}
     for name in dict.fromkeys(row.name for row in rows):
-        own = [row for row in rows if row.name == name]
-        yield from differences_from(name, {name: own, **groups}, scenes)
+        group = [row for row in rows if row.name == name]
+        yield from differences_from(name, {name: group, **groups}, scenes)

@@ -68,8 +68,8 @@ def plan_nyu(
     """The test images of a split, or at most ``limit`` of them, evenly over it."""
     divided = base.split_nyu(dataset, split)
     if not divided.test:
-        told = f"no pair here belongs to the test part of the {split} split"
-        raise DatasetError(told, "give the complete labelled set, or another {split}")
+        message = f"no pair here belongs to the test part of the {split} split"
+        raise DatasetError(message, "give the complete labelled set, or another {split}")
     return EvalTask(dataset, divided, divided.test).subsampled(limit)
 
 
@@ -97,10 +97,10 @@ def plan_runs(
     task = whole.subsampled(limit)
     for run in runs:
         data = run.provenance
-        seen = common_ids(base.NYU if task.is_nyu else data.data, task.ids, data.seen_ids)
-        if seen:
-            told = f"{run.name} was trained on {len(seen)} of the {len(task.ids)} test images"
-            raise UsageError(told, "choose another {split}, or omit it")
+        common = common_ids(base.NYU if task.is_nyu else data.data, task.ids, data.seen_ids)
+        if common:
+            message = f"{run.name} was trained on {len(common)} of the {len(task.ids)} test images"
+            raise UsageError(message, "choose another {split}, or omit it")
     return task
 
 
@@ -109,15 +109,15 @@ def _held_out(dataset: base.DepthDataset, runs: Sequence[TrainedRun], title: str
     train_ids, held_out_ids = first.provenance.train_ids, first.provenance.held_out_ids
     for run in runs:
         if (run.provenance.train_ids, run.provenance.held_out_ids) != (train_ids, held_out_ids):
-            told = f"{first.name} and {run.name} were trained on or hold out different pairs"
-            raise UsageError(told, "compare them separately, or on another {split}")
+            message = f"{first.name} and {run.name} were trained on or hold out different pairs"
+            raise UsageError(message, "compare them separately, or on another {split}")
     if not held_out_ids:
         raise UsageError(f"{first.name} held out no pair", "compare on another {split}")
     places = {name: i for i, name in enumerate(dataset.ids)}
     missing = [i for i in (*held_out_ids, *train_ids) if i not in places]
     if missing:
-        told = f"{len(missing)} pairs of the runs are not here (first: {missing[0]})"
-        raise DatasetError(told, "give the data set that they were trained on")
+        message = f"{len(missing)} pairs of the runs are not here (first: {missing[0]})"
+        raise DatasetError(message, "give the data set that they were trained on")
     train = tuple(places[i] for i in train_ids)
     test = tuple(places[i] for i in held_out_ids)
     name = base.SplitName.VAL if title == base.NYU else base.HELD_OUT
@@ -136,8 +136,8 @@ def group_by_seed(runs: Iterable[TrainedRun]) -> dict[str, tuple[TrainedRun, ...
         settings, seeds = {run.settings for run in members}, {run.config.seed for run in members}
         if len(settings) > 1 or len(seeds) < len(members):
             names = ", ".join(run.name for run in members)
-            told = f"{names} are not seeds of one configuration, data and initial weights"
-            raise UsageError(told, "rename their folders")
+            message = f"{names} are not seeds of one configuration, data and initial weights"
+            raise UsageError(message, "rename their folders")
     return {name: tuple(members) for name, members in groups.items()}
 
 
@@ -161,8 +161,8 @@ def train_mark(name: str, card: ModelCard, task: EvalTask, overlap: int | None) 
         return f"{name} was trained on a folder {task.title}; if it is this one, {comparable}"
     size_px = task.dataset.depth_m(task.test[0]).shape[::-1]
     if size_px == FULL_SIZE_PX and all(map(_NYU_NAME.fullmatch, task.ids)):
-        known = trained_numbers(card, task.dataset) or frozenset()
-        count = sum(int(image_id) in known for image_id in task.ids)
+        numbers = trained_numbers(card, task.dataset) or frozenset()
+        count = sum(int(image_id) in numbers for image_id in task.ids)
         if count:
             return (
                 f"{name} was trained on {count} pairs of NYU Depth v2 with these names; if they "
@@ -176,10 +176,10 @@ def trained_numbers(card: ModelCard, dataset: base.DepthDataset) -> frozenset[in
 
     None if its card does not state them; the data set has the training pairs of a split.
     """
-    stated, split = card.training.get(base.TRAIN_IDS), card.training.get(TRAIN_SPLIT)
+    ranges, split = card.training.get(base.TRAIN_IDS), card.training.get(TRAIN_SPLIT)
     try:
-        if isinstance(stated, str):
-            return base.parse(stated)
+        if isinstance(ranges, str):
+            return base.parse(ranges)
         positions = base.split_nyu(dataset, base.SplitName(str(split))).train
     except (DatasetError, ValueError):
         return None  # ``training`` in a card is free-form

@@ -134,25 +134,24 @@ def check_parity(
     model: bytes,
     cases: tuple[tuple[int, int, int], ...],
     tolerance: float = TOLERANCE,
-    pictures: Sequence[Float32Array] = (),
+    images: Sequence[Float32Array] = (),
 ) -> Parity:
-    """Compare torch with onnxruntime on noise and on smooth pictures, (batch, height, width).
+    """Compare torch with onnxruntime on noise and on smooth images, (batch, height, width).
 
-    Given pictures, (B, C, H, W), are used instead for int8, which is accurate for real ones only.
+    Given images, (B, C, H, W), are used instead for int8, which is accurate for real ones only.
     """
     session = ort.InferenceSession(model, providers=["CPUExecutionProvider"])
-    names = [given.name for given in session.get_inputs()]
+    names = [entry.name for entry in session.get_inputs()]
     channels = session.get_inputs()[0].shape[1]
     largest, worst_mean = 0.0, 0.0
     for case in cases:
-        for batch in pictures or _inputs(*case, channels):
-            images = torch.from_numpy(batch)
-            inputs = images, *prompts_for(network, images)
+        for batch in images or _inputs(*case, channels):
+            tensor = torch.from_numpy(batch)
+            inputs = tensor, *prompts_for(network, tensor)
             with torch.no_grad():
-                wanted = network(*inputs).numpy()
-            feed = {name: tensor.numpy() for name, tensor in zip(names, inputs, strict=True)}
-            (found,) = session.run(None, feed)
-            difference = np.abs(found - wanted)
+                expected = network(*inputs).numpy()
+            feed = {name: value.numpy() for name, value in zip(names, inputs, strict=True)}
+            difference = np.abs(session.run(None, feed)[0] - expected)
             # A NaN must not pass a comparison.
             largest = max(largest, float(np.nan_to_num(difference.max(), nan=np.inf)))
             worst_mean = max(worst_mean, float(difference.mean()))

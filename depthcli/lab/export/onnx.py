@@ -34,9 +34,9 @@ class ExportOptions:
     opset: int = graph.OPSET  #: ONNX opset version
     #: maximum difference between torch and onnxruntime; None for the default
     tolerance: float | None = None
-    int8_pictures: Path | None = None  #: folder of pictures to calibrate int8; None for no int8
+    int8_images: Path | None = None  #: folder of images to calibrate int8; None for no int8
     license: str = "NOASSERTION"  #: of the weights, an SPDX identifier
-    #: horizontal field of view of the training pictures, degrees; None for that of the checkpoint
+    #: horizontal field of view of the training images, degrees; None for that of the checkpoint
     hfov_deg: float | None = None
     depth_factor: float = 1.0  #: on depth, which corrects a bias that was measured
     float_model: str | None = None  #: name of the model that replaces an int8 one off the CPU
@@ -48,7 +48,7 @@ class ExportOptions:
         """Maximum difference that the parity check accepts."""
         if self.tolerance is not None:
             return self.tolerance
-        if self.int8_pictures is not None:
+        if self.int8_images is not None:
             return graph.INT8_TOLERANCE
         return graph.FLOAT16_TOLERANCE if self.half else graph.TOLERANCE
 
@@ -105,24 +105,25 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
         raise UsageError(f"{what}; correct the option") from error
 
 
-def _hfov_deg(given: float | None, known: float | None) -> float | None:
+def _hfov_deg(option_deg: float | None, run_deg: float | None) -> float | None:
     """The field of view of the training's camera, degrees; None if it is not known."""
-    if given is not None and known is not None and given != known:
+    if option_deg is not None and run_deg is not None and option_deg != run_deg:
         # Depth from cameras.csv is already scaled to the known camera, whatever the true lens.
         raise UsageError(
-            f"{given:g}° contradicts the checkpoint, whose depth is that of a camera of {known:g}°",
+            f"{option_deg:g}° contradicts the checkpoint, whose depth is that of a camera of "
+            f"{run_deg:g}°",
             option="hfov_deg",
         )
-    return known if given is None else given
+    return run_deg if option_deg is None else option_deg
 
 
 def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]:
     state, provenance = saved.state, saved.provenance
     averaged = saved.ema_generator is None or options.weights is Weights.AVERAGED
-    is_int8 = options.int8_pictures is not None
-    seen = provenance.seen_ids
-    nyu = seen.get(datasets.NYU, ())
-    is_new = set(provenance.held_out_ids).isdisjoint(seen.get(data_set(provenance.data), ()))
+    is_int8 = options.int8_images is not None
+    trained_ids = provenance.seen_ids
+    nyu = trained_ids.get(datasets.NYU, ())
+    is_new = set(provenance.held_out_ids).isdisjoint(trained_ids.get(data_set(provenance.data), ()))
     # Parity keeps float16 near the weights that were validated; the others differ from them.
     is_corrected = options.depth_factor != 1
     validated = averaged and is_new and not (is_int8 or is_corrected)
@@ -168,16 +169,16 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     generator, saved = load_generator(checkpoint, options.weights)
     model = graph.build_graph(generator, opset=options.opset)
     card = card_of(saved, options)
-    folder = options.int8_pictures
-    pictures = [] if folder is None else int8.calibration_batches(folder, card.input)
-    if pictures:
-        model = int8.quantize(model, pictures, generator)
+    folder = options.int8_images
+    images = [] if folder is None else int8.calibration_batches(folder, card.input)
+    if images:
+        model = int8.quantize(model, images, generator)
     elif options.half:
         graph.weights_to_float16(model)
     helper.set_model_props(model, {cards.METADATA_KEY: card.to_json()})
     data = model.SerializeToString()
-    cases = _parity_cases(card.input)[: 1 if pictures else None]
-    parity = graph.check_parity(generator, data, cases, options.max_difference, pictures)
+    cases = _parity_cases(card.input)[: 1 if images else None]
+    parity = graph.check_parity(generator, data, cases, options.max_difference, images)
     card = dataclasses.replace(
         card, file=out.name, sha256=hashlib.sha256(data).hexdigest(), size_bytes=len(data)
     )
@@ -208,10 +209,10 @@ def find_runs(folder: Path) -> tuple[Path, ...]:
     """The folder itself or its subfolders that have a checkpoint, sorted by name."""
     if (folder / CHECKPOINT).is_file():
         return (folder,)
-    found = tuple(sorted(path.parent for path in folder.glob(f"*/{CHECKPOINT}")))
-    if not found:
+    runs = tuple(sorted(path.parent for path in folder.glob(f"*/{CHECKPOINT}")))
+    if not runs:
         raise UsageError(f"{folder} holds no run of 'depthcli train'")
-    return found
+    return runs
 
 
 def open_run(folder: Path) -> TrainedRun:

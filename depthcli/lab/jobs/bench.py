@@ -21,7 +21,7 @@ from depthcli.io.storage.paths import read_bytes
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.lab.jobs.latency import Latency, measure_latencies
 
-_MIN_PICTURES = 5
+_MIN_IMAGES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ def run_bench(
     model: SessionLoader,
     synthetic_px: tuple[int, int],
     seconds: float,
-    given: Path | None = None,
+    path: Path | None = None,
     upsampling: Upsampling = Upsampling.GUIDED,
     workers: int | None = None,
     warn: Callable[[str], object] = lambda _text: None,
@@ -54,11 +54,11 @@ def run_bench(
     processed in parallel for the throughput, by default one per core; ``warn`` is called with the
     session's warnings.
     """
-    picture = synthetic_picture(*synthetic_px) if given is None else read_bytes(given)
-    frame = read_image(given, picture, name="the picture")  # an error names the file
+    image = synthetic_image(*synthetic_px) if path is None else read_bytes(path)
+    frame = read_image(path, image, name="the image")  # an error names the file
     workers, threads = share_cores(workers, model.threads)
     loaders = model, replace(model, threads=threads)
-    alone, shared = (Pipeline(one.load(), UpsamplingOptions(upsampling)) for one in loaders)
+    alone, shared = (Pipeline(loader.load(), UpsamplingOptions(upsampling)) for loader in loaders)
     session, card = alone.session, alone.card
     for warning in session.warnings:
         warn(warning)
@@ -66,14 +66,14 @@ def run_bench(
     with temporary_folder() as folder:
         (network,) = measure_latencies([lambda: session.run(batch)], seconds)
         (end_to_end,) = measure_latencies(
-            [lambda: _predict_and_write(alone, picture, folder / "alone.png")], seconds
+            [lambda: _predict_and_write(alone, image, folder / "alone.png")], seconds
         )
-        rate = throughput(shared, picture, folder, workers, seconds)
+        rate = throughput(shared, image, folder, workers, seconds)
     facts = (card.name, session.model.sha256, session.provider, workers, threads)
     return BenchResult(*facts, network, end_to_end, rate, peak_memory_mb())
 
 
-def synthetic_picture(width: int, height: int) -> bytes:
+def synthetic_image(width: int, height: int) -> bytes:
     """A JPEG of about the file size of a photograph: smooth shapes with grain."""
     random = np.random.default_rng(0)
     coarse = random.uniform(30, 220, (6, 8, 3)).astype(np.float32)
@@ -93,25 +93,25 @@ def peak_memory_mb() -> float | None:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
-def _predict_and_write(pipeline: Pipeline, picture: bytes, path: Path) -> None:
-    frame = read_image(None, picture)
+def _predict_and_write(pipeline: Pipeline, image: bytes, path: Path) -> None:
+    frame = read_image(None, image)
     Png16Writer().write(depth_for_trial(pipeline, frame), path, frame)
 
 
 def throughput(
-    pipeline: Pipeline, picture: bytes, folder: Path, workers: int, seconds: float
+    pipeline: Pipeline, image: bytes, folder: Path, workers: int, seconds: float
 ) -> float:
     """Images per second, from the end of the first one to that of the last."""
 
     def numbers() -> Iterator[int]:
         end_s = time.perf_counter() + seconds
         number = 0
-        while number < 2 * workers + _MIN_PICTURES or time.perf_counter() < end_s:
+        while number < 2 * workers + _MIN_IMAGES or time.perf_counter() < end_s:
             yield number
             number += 1
 
     def work(number: int) -> float:
-        _predict_and_write(pipeline, picture, folder / f"{number % (2 * workers)}.png")
+        _predict_and_write(pipeline, image, folder / f"{number % (2 * workers)}.png")
         return time.perf_counter()
 
     with one_thread_each(workers):

@@ -18,7 +18,7 @@ from depthcli.lab.datasets.nyu import is_nyu, open_nyu
 from depthcli.lab.datasets.prompts import Prompt
 from depthcli.lab.datasets.training_data import open_pairs
 from depthcli.lab.evaluation import evaluate as table
-from depthcli.lab.evaluation.figures import Figure, choose_pictures, draw_figures
+from depthcli.lab.evaluation.figures import Figure, choose_images, draw_figures
 from depthcli.lab.evaluation.page import Page, html_page
 from depthcli.lab.evaluation.predictors import (
     TRIVIAL_NAMES,
@@ -86,7 +86,7 @@ def run_evaluation(
         request = _on_own_pairs(request, runs)
     task = _plan_task(request, runs)
     options = request.options
-    positions = () if request.shown_ids is None else choose_pictures(task, request.shown_ids)
+    positions = () if request.shown_ids is None else choose_images(task, request.shown_ids)
     trivial = TRIVIAL_NAMES if options.trivial and task.split.train else ()
     if not (request.models or request.predictions or runs or trivial):
         advice = "give {model} or {predictions}, or the training pairs of the split for baselines"
@@ -96,8 +96,8 @@ def run_evaluation(
     if options.protocol.mask is Mask.RAW:
         task.dataset.raw_depth_m(task.test[0])  # before the models are loaded
     with temporary_folder() as folder:
-        known = request.prompt, request.anchors_fit
-        models = [open_model(loader, request.detail, *known) for loader in request.models]
+        prompt = request.prompt, request.anchors_fit
+        models = [open_model(loader, request.detail, *prompt) for loader in request.models]
         if runs:
             models += _load_runs(request, runs, folder, progress, failed)
         files = [
@@ -112,9 +112,9 @@ def run_evaluation(
             warn(text)
         report = table.evaluate(task, compared, options, progress)
         report = replace(report, notes=(*report.notes, *_notes(request)))
-        shown, figures = _shown(compared, report), tuple[Figure, ...]()
-        if positions and shown:
-            figures = draw_figures(task, positions, shown, progress)
+        columns, figures = _shown(compared, report), tuple[Figure, ...]()
+        if positions and columns:
+            figures = draw_figures(task, positions, columns, progress)
     return EvalResult(report, figures, tuple(failed))
 
 
@@ -138,8 +138,8 @@ def _on_own_pairs(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalReque
 def _plan_task(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalTask:
     if request.split is None:
         if not (runs or request.patterns) and is_nyu(request.data):
-            told = f"{request.data} is NYU Depth v2"
-            raise UsageError(told, "compare on it with 'depthcli eval nyu'")
+            message = f"{request.data} is NYU Depth v2"
+            raise UsageError(message, "compare on it with 'depthcli eval nyu'")
         pairs = open_pairs(request.data, request.truth, request.patterns)
         name = request.data.resolve().name
         if runs:

@@ -36,11 +36,11 @@ def measure_latencies(actions: Sequence[Callable[[], object]], seconds: float) -
             end_s = time.perf_counter() + seconds / _ROUNDS
             while len(runs_ms) < turn * _MIN_RUNS / _ROUNDS or time.perf_counter() < end_s:
                 runs_ms.append(1e3 * _elapsed_s(action))
-    found = []
+    latencies = []
     for runs_ms in times_ms:
         low, median, high = statistics.quantiles(runs_ms, n=4)
-        found.append(Latency(median, min(runs_ms), (high - low) / 2 / median, len(runs_ms)))
-    return found
+        latencies.append(Latency(median, min(runs_ms), (high - low) / 2 / median, len(runs_ms)))
+    return latencies
 
 
 def _elapsed_s(action: Callable[[], object]) -> float:

@@ -48,15 +48,15 @@ class TrainResult:
 
 def train(request: TrainRequest, callback: Callback) -> TrainResult:
     """Train until the schedule, the time limit or a signal ends it."""
-    config, out, wanted = request.config, request.out, request.config.data
+    config, out, choices = request.config, request.out, request.config.data
     init_weights = [weights_file(source) for source in request.init_weights]
     own_callbacks = [imported(name) for name in request.callbacks]
     fabric = open_fabric(request.accelerator, config.precision)
     data = open_training_data(
         request.data,
-        paired=wanted.paired,
-        split=wanted.split,
-        units_per_metre=wanted.units_per_metre,
+        paired=choices.paired,
+        split=choices.split,
+        units_per_metre=choices.units_per_metre,
         patterns=request.patterns,
     )
     if request.pseudo_labels is not None:

@@ -58,8 +58,8 @@ NO_BOUNDARY = BoundaryScores(math.nan, math.nan, math.nan)
 def mean_boundary_scores(images: Sequence[BoundaryScores]) -> BoundaryScores:
     """Mean of each score over the images that have it; NaN for a score that none has."""
     columns = ([getattr(image, name) for image in images] for name in BOUNDARY_NAMES)
-    known = ([value for value in column if not math.isnan(value)] for column in columns)
-    return BoundaryScores(*(math.fsum(c) / len(c) if c else math.nan for c in known))
+    finite = ([value for value in column if not math.isnan(value)] for column in columns)
+    return BoundaryScores(*(math.fsum(c) / len(c) if c else math.nan for c in finite))
 
 
 def boundary_scores(

@@ -207,12 +207,12 @@ def mean_scores(images: Iterable[PixelSums], averaging: Averaging = Averaging.IM
     >>> round(mean_scores([PixelSums.of(DepthPixels.of(truth, truth * 1.1))])["abs_rel"], 6)
     0.1
     """
-    known = [sums for sums in images if sums.pixel_count]
-    if not known:
+    images_with_pixels = [sums for sums in images if sums.pixel_count]
+    if not images_with_pixels:
         return Scores.of()
     if averaging is Averaging.POOLED:
-        return reduce(PixelSums.__add__, known).scores()
+        return reduce(PixelSums.__add__, images_with_pixels).scores()
     total = (0.0,) * len(METRICS)
-    for sums in known:  # sum() rounds otherwise from Python 3.12 on
+    for sums in images_with_pixels:  # sum() rounds otherwise from Python 3.12 on
         total = tuple(a + b for a, b in zip(total, sums.scores().values, strict=True))
-    return Scores(tuple(value / len(known) for value in total))
+    return Scores(tuple(value / len(images_with_pixels) for value in total))

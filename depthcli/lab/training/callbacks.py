@@ -64,10 +64,10 @@ def append_log(path: Path, state: TrainState, losses: dict[str, float]) -> None:
 def truncate_log(path: Path, step: int) -> None:
     """Remove lines after a step, which the resumed run writes again, and an incomplete line."""
     content = path.read_bytes() if path.exists() else b""
-    kept = b"".join(line + b"\n" for line in content.splitlines() if _step(line) <= step)
-    if kept != content:
+    lines = b"".join(line + b"\n" for line in content.splitlines() if _step(line) <= step)
+    if lines != content:
         with atomic_path(path) as temporary:
-            temporary.write_bytes(kept)
+            temporary.write_bytes(lines)
 
 
 def _step(line: bytes) -> float:
@@ -100,15 +100,15 @@ class Validation:
         config, size = self.config, (self.config.data.height, self.config.data.width)
         if not config.generator.prompt:
             return ()
-        found = []
+        prompts = []
         for row in rows:
             depth_m = F.interpolate(self.store.depth_m[[row]].float(), size, mode="nearest")
             mask = self.store.valid_mask
             if mask is not None:
                 depth_m *= F.interpolate(mask[[row]].float(), size, mode="nearest")
             views = Views(self.inputs([row]), depth_m, None)
-            found.append(drawn_prompts(views, config.prompt, np.random.SeedSequence(row)))
-        return coded_prompt(torch.cat(found), config.output.codec)
+            prompts.append(drawn_prompts(views, config.prompt, np.random.SeedSequence(row)))
+        return coded_prompt(torch.cat(prompts), config.output.codec)
 
     @torch.no_grad()
     def raw(self, generator: nn.Module, rows: Sequence[int], device: torch.device) -> Tensor:
@@ -161,8 +161,10 @@ def write_samples(
         truth_m[truth_m == 0] = np.nan
         output_m = np.array(cv2.resize(codec.decode(raw[i]), size), np.float32)
         output, truth = DepthMap(output_m), DepthMap(truth_m)
-        shown = [PreviewWriter().render(one, spread=percentiles(truth)) for one in (output, truth)]
-        lines.append(np.hstack([images[i], *shown]))
+        previews = [
+            PreviewWriter().render(depth, spread=percentiles(truth)) for depth in (output, truth)
+        ]
+        lines.append(np.hstack([images[i], *previews]))
     encoded = cv2.imencode(".jpg", np.vstack(lines)[..., ::-1])[1]
     with atomic_path(sample_path(folder, epoch)) as temporary:
         temporary.write_bytes(encoded.tobytes())

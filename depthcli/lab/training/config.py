@@ -328,8 +328,8 @@ def check_config(config: TrainConfig) -> None:
     needs += ["contrast=cfl"] if config.loss.contrast == "cfl" else []
     needs += [f"custom.{name}" for name in config.loss.custom]
     if needs and not config.data.paired:
-        told = f"loss.{needs[0]} compares with the truth of the same scene"
-        raise UsageError(told, "remove it or, if the method takes pairs, set data.paired=true")
+        message = f"loss.{needs[0]} compares with the truth of the same scene"
+        raise UsageError(message, "remove it or, if the method takes pairs, set data.paired=true")
     if config.data.channels > 1:
         _check_colour(config)
 
@@ -341,8 +341,10 @@ def _check_colour(config: TrainConfig) -> None:
     others = any(getattr(loss, name) for name in TERMS if name not in compared)
     others = others or bool(loss.l1 and loss.l1_backward)
     if generator.name == "efficient" or (generator.name == "encoder" and others):
-        told = "data.colour=rgb is for generator.name=resnet, or encoder with l1 and gradient alone"
-        raise UsageError(told)
+        message = (
+            "data.colour=rgb is for generator.name=resnet, or encoder with l1 and gradient alone"
+        )
+        raise UsageError(message)
     if generator.residual == "input" and generator.name == "resnet":
         raise UsageError("generator.residual=input adds an image of one channel to the depth")
 

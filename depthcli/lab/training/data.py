@@ -52,11 +52,11 @@ def _area(values: npt.NDArray[np.float32], size: tuple[int, int]) -> npt.NDArray
 
 
 def tan_half_fov(dataset: DepthDataset, i: int, shape: tuple[int, ...]) -> tuple[float, float]:
-    """Tangents of half the angles of view of picture ``i``, across and down, for square pixels.
+    """Tangents of half the angles of view of image ``i``, across and down, for square pixels.
 
-    If its camera is not known, it is taken for the largest crop of one of NYU's pictures, in
+    If its camera is not known, it is taken for the largest crop of one of NYU's images, in
     landscape or portrait, as predictions do (docs/cameras.md). ``shape`` begins with the height and
-    width of the picture, or of its depth.
+    width of the image, or of its depth.
     """
     height, width = shape[:2]
     long_px = max(width, height, NYU_ASPECT * min(width, height))
@@ -87,7 +87,7 @@ class PairStore:
         rgb: (N, 3, h, w) uint8.
         depth_m: (N, 1, h, w) float16 metres, exact to 5 mm below 10 m; holes are filled.
         valid_mask: (N, 1, h, w) bool, False in the holes; None if no pair has one.
-        tan_half_fov: (N, 2, 2) float64, of each picture and of its depth, which differ only in
+        tan_half_fov: (N, 2, 2) float64, of each image and of its depth, which differ only in
             unpaired data: the tangent of half the angle of view, across and down.
     """
 
@@ -141,7 +141,7 @@ class PairStore:
 
 
 def _stored_size(shape: tuple[int, ...], data: DataConfig) -> tuple[int, int]:
-    """Width and height in memory: up to twice the network's size, at most about the picture's."""
+    """Width and height in memory: up to twice the network's size, at most about the image's."""
     most = min(_STORED_PER_NETWORK_PX, max(1.0, shape[1] / data.width, shape[0] / data.height))
     return round(data.width * most), round(data.height * most)
 
@@ -169,7 +169,7 @@ class TrainingBatch(NamedTuple):
 
     def parts(self, count: int) -> list["TrainingBatch"]:
         """Up to ``count`` batches of neighbouring images, of about equal numbers."""
-        columns = ([None] * count if one is None else one.chunk(count) for one in self)
+        columns = ([None] * count if part is None else part.chunk(count) for part in self)
         return [TrainingBatch(*rows) for rows in zip(*columns, strict=False)]
 
 
@@ -196,8 +196,8 @@ class Batches:
         count = round(batch_size * data.pseudo_label_share) if pseudo_labels else 0
         if pseudo_labels and not 0 < count < min(batch_size, len(pseudo_labels) + 1):
             share, have = data.pseudo_label_share, len(pseudo_labels)
-            told = f"data.pseudo_label_share={share} is {count} of {batch_size} pairs of a batch"
-            raise UsageError(told, f"it has to be at least 1, and leave pairs; there are {have}")
+            message = f"data.pseudo_label_share={share} is {count} of {batch_size} pairs of a batch"
+            raise UsageError(message, f"it has to be at least 1, and leave pairs; there are {have}")
         self._pseudo_label_count = count
         self.batch_size = min(batch_size - count, len(store))
         self.steps_per_epoch = len(store) // self.batch_size
@@ -236,7 +236,7 @@ class Batches:
         random: torch.Generator,
         part: int = 0,
     ) -> Views:
-        """Views with the geometry of the pictures (``part`` 0) or of the depth (1)."""
+        """Views with the geometry of the images (``part`` 0) or of the depth (1)."""
         halves = store.tan_half_fov[rows, part]
         rows = rows.to(store.rgb.device)
         rgb = store.rgb.index_select(0, rows).to(self.device).float().div_(255)
@@ -247,12 +247,14 @@ class Batches:
 
 def _concatenated(views: Views, more: Views) -> TrainingBatch:
     masks = [
-        torch.ones_like(one.depth_m, dtype=torch.bool) if one.valid_mask is None else one.valid_mask
-        for one in (views, more)
+        torch.ones_like(batch.depth_m, dtype=torch.bool)
+        if batch.valid_mask is None
+        else batch.valid_mask
+        for batch in (views, more)
     ]
     is_whole = views.valid_mask is None and more.valid_mask is None
-    own, labels = len(views.network_input), len(more.network_input)
-    is_pseudo_label = torch.arange(own + labels) >= own
+    pairs, labels = len(views.network_input), len(more.network_input)
+    is_pseudo_label = torch.arange(pairs + labels) >= pairs
     return TrainingBatch(
         torch.cat([views.network_input, more.network_input]),
         torch.cat([views.depth_m, more.depth_m]),

@@ -47,16 +47,16 @@ def settings_of(source: Path) -> dict[str, Any]:
     if _is_encoder_file(path):
         raise CheckpointError(f"{path} has weights of an encoder, not of a whole network")
     if path.suffix == ".onnx":
-        stated = find_model(path).card.training.get("config", {})
-        generator = stated.get("generator", {}) | {"norm": "none"}
-        stated = stated | {"generator": generator}
+        settings = find_model(path).card.training.get("config", {})
+        generator = settings.get("generator", {}) | {"norm": "none"}
+        settings = settings | {"generator": generator}
     else:
-        stated = asdict(Checkpoint.load(path).config)
-    inputs = {k: v for k, v in stated.get("data", {}).items() if k in _INPUT_SETTINGS}
-    own = stated.get("generator", {})
+        settings = asdict(Checkpoint.load(path).config)
+    inputs = {k: v for k, v in settings.get("data", {}).items() if k in _INPUT_SETTINGS}
+    generator = settings.get("generator", {})
     return {
-        "generator": {k: v for k, v in own.items() if k != "prompt"},
-        "output": stated.get("output", {}),
+        "generator": {k: v for k, v in generator.items() if k != "prompt"},
+        "output": settings.get("output", {}),
         "data": inputs,
     }
 
@@ -87,9 +87,9 @@ def load_init_weights(
     try:
         generator.load_state_dict(_mean(weights, paths))
     except RuntimeError as error:
-        told = f"{paths[0]} holds another network ({' '.join(str(error).split()[:60])})"
+        message = f"{paths[0]} holds another network ({' '.join(str(error).split()[:60])})"
         advice = "set generator.* as it was trained, with norm=none for an exported float model"
-        raise CheckpointError(told, advice) from error
+        raise CheckpointError(message, advice) from error
     return replace(
         provenance,
         init_weights=origin,
@@ -114,8 +114,8 @@ def _read(path: Path) -> tuple[dict[str, Tensor], PairIds, str]:
     """Weights of a file, the pairs they were trained on, and the origin of their encoder."""
     if path.suffix != ".onnx":
         generator, saved = load_generator(path)
-        found = saved.provenance
-        return dict(generator.state_dict()), found.seen_ids, found.encoder_weights
+        provenance = saved.provenance
+        return dict(generator.state_dict()), provenance.seen_ids, provenance.encoder_weights
     try:
         graph = onnx.load(path, load_external_data=False).graph
         arrays = {tensor.name: numpy_helper.to_array(tensor) for tensor in graph.initializer}

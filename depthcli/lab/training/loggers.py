@@ -41,8 +41,10 @@ class Logger(Callback):
         try:
             self.package: Any = import_module(self.MODULE)
         except ImportError as error:
-            told = f"the package {self.TRACKER} is missing: pip install 'depthcli[{self.TRACKER}]'"
-            raise TrainingError(told) from error
+            message = (
+                f"the package {self.TRACKER} is missing: pip install 'depthcli[{self.TRACKER}]'"
+            )
+            raise TrainingError(message) from error
         folder.mkdir(parents=True, exist_ok=True)
 
     @abstractmethod
@@ -149,8 +151,8 @@ class MlflowLogger(Logger):
             raise TrainingError(f"MLflow: {error}", "check MLFLOW_TRACKING_URI") from error
 
     def _new_run(self) -> str:
-        found = self._client.get_experiment_by_name(_PROJECT)
-        experiment = found.experiment_id if found else None
+        entry = self._client.get_experiment_by_name(_PROJECT)
+        experiment = entry.experiment_id if entry else None
         experiment = experiment or self._client.create_experiment(_PROJECT, self._artifacts)
         run = self._client.create_run(experiment, run_name=self.folder.resolve().name)
         for name, value in named_settings(self.config):

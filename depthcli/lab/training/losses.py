@@ -90,8 +90,8 @@ def hdce(query: Tensor, key: Tensor, gamma: float) -> Tensor:
     with full_precision(query):
         query, key = query.float(), key.detach().float()
         products = torch.bmm(query, key.transpose(1, 2))
-        own = products.diagonal(dim1=1, dim2=2).unsqueeze(2)
-        logits = (negative_weights(key, gamma) * products - own) / TEMPERATURE
+        positive = products.diagonal(dim1=1, dim2=2).unsqueeze(2)
+        logits = (negative_weights(key, gamma) * products - positive) / TEMPERATURE
         return logits.masked_fill(_diagonal_mask(key), -torch.inf).logsumexp(2).mean()
 
 

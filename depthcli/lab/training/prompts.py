@@ -18,7 +18,9 @@ def drawn_prompts(views: Views, config: PromptConfig, seed: np.random.SeedSequen
     """Known depth of each view, (B, 1, H, W) metres, 0 where nothing is known."""
     random = np.random.default_rng(seed)
     depth_m = views.depth_m if views.valid_mask is None else views.depth_m * views.valid_mask
-    maps_m, grays = (one.float().mean(1).cpu().numpy() for one in (depth_m, views.network_input))
+    maps_m, grays = (
+        tensor.float().mean(1).cpu().numpy() for tensor in (depth_m, views.network_input)
+    )
     drawn = [
         drawn_prompt(config, random).draw(map_m, gray, random)
         for map_m, gray in zip(maps_m, grays, strict=True)

@@ -43,8 +43,8 @@ class DataProvenance:
     @property
     def seen_ids(self) -> PairIds:
         """Pairs that the run or its init weights were trained on."""
-        own = _under_names(data_set(self.data), self.train_ids)
-        return merged_ids([own, self.pseudo_label_ids, self.init_ids])
+        trained = _under_names(data_set(self.data), self.train_ids)
+        return merged_ids([trained, self.pseudo_label_ids, self.init_ids])
 
 
 def provenance_of(config: TrainConfig, data: TrainingData) -> DataProvenance:
@@ -99,14 +99,14 @@ def _under_names(name: str, ids: tuple[str, ...]) -> PairIds:
 
 def merged_ids(records: Iterable[Mapping[str, Sequence[str]]]) -> PairIds:
     """The union of several records of pairs by data set."""
-    found: dict[str, set[str]] = {}
+    ids_of: dict[str, set[str]] = {}
     for record in records:
         for name, ids in record.items():
             is_nyu = data_set(name) == NYU
-            found.setdefault(data_set(name), set()).update(
+            ids_of.setdefault(data_set(name), set()).update(
                 map(base.label_id, ids) if is_nyu else ids
             )
-    return {name: tuple(sorted(ids)) for name, ids in found.items() if ids}
+    return {name: tuple(sorted(ids)) for name, ids in ids_of.items() if ids}
 
 
 def ids_of_card(card: ModelCard) -> PairIds:
@@ -118,11 +118,11 @@ def ids_of_card(card: ModelCard) -> PairIds:
     return {NYU: tuple(f"{number:04d}" for number in numbers)}
 
 
-def common_ids(title: str, ids: Iterable[str], seen: Mapping[str, Sequence[str]]) -> set[str]:
+def common_ids(title: str, ids: Iterable[str], record: Mapping[str, Sequence[str]]) -> set[str]:
     """Ids of a data set's pairs that are also in a record of pairs by data set."""
     name = data_set(title)
-    own = set(map(base.label_id, ids)) if name == NYU else set(ids)
-    return own.intersection(seen.get(name, ()))
+    names = set(map(base.label_id, ids)) if name == NYU else set(ids)
+    return names.intersection(record.get(name, ()))
 
 
 def check_pseudo_labels(data: TrainingData, provenance: DataProvenance) -> None:
@@ -136,13 +136,13 @@ def check_pseudo_labels(data: TrainingData, provenance: DataProvenance) -> None:
         )
 
 
-def config_differences(saved: TrainConfig, given: TrainConfig) -> tuple[str, ...]:
+def config_differences(saved: TrainConfig, config: TrainConfig) -> tuple[str, ...]:
     """Each setting, by its name for ``--set``, with both of its values.
 
     >>> config_differences(TrainConfig(seed=0), TrainConfig(seed=1))
     ('seed is 0 there, 1 here',)
     """
-    return value_differences(dict(named_settings(saved)), dict(named_settings(given)))
+    return value_differences(dict(named_settings(saved)), dict(named_settings(config)))
 
 
 def named_settings(config: TrainConfig) -> Iterator[tuple[str, Any]]:
@@ -167,21 +167,23 @@ def value_differences(there: Mapping[str, object], here: Mapping[str, object]) -
     )
 
 
-def data_differences(saved: DataProvenance, given: DataProvenance) -> tuple[str, ...]:
+def data_differences(saved: DataProvenance, current: DataProvenance) -> tuple[str, ...]:
     """Differences in data and init weights, one line each; folders may have moved.
 
     A run without init weights may resume one that had them.
     """
     mismatches = []
-    if (saved.train_ids, saved.held_out_ids) != (given.train_ids, given.held_out_ids):
-        there, here = _pair_count(saved), _pair_count(given)
+    if (saved.train_ids, saved.held_out_ids) != (current.train_ids, current.held_out_ids):
+        there, here = _pair_count(saved), _pair_count(current)
         mismatches.append(f"the data set is another one ({there} there, {here} here)")
-    elif saved.fingerprint != given.fingerprint:
+    elif saved.fingerprint != current.fingerprint:
         mismatches.append("the data set has other files or focal lengths")
-    if saved.pseudo_label_fingerprint != given.pseudo_label_fingerprint:
+    if saved.pseudo_label_fingerprint != current.pseudo_label_fingerprint:
         mismatches.append("the pseudo labels are others, or have other focal lengths")
-    compared = ("hfov_deg", "aspect", *(["init_weights"] if given.init_weights else []))
-    values = [{name: getattr(one, name) for name in compared} for one in (saved, given)]
+    compared = ("hfov_deg", "aspect", *(["init_weights"] if current.init_weights else []))
+    values = [
+        {name: getattr(provenance, name) for name in compared} for provenance in (saved, current)
+    ]
     return (*mismatches, *value_differences(*values))
 
 

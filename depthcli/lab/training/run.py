@@ -42,19 +42,19 @@ def open_fabric(accelerator: str, precision: Precision) -> Fabric:
     try:
         return Fabric(accelerator=accelerator, devices=1, precision=precision)
     except (ImportError, MisconfigurationException, RuntimeError, ValueError) as error:
-        told = f"cannot train on {accelerator} with precision={precision} here: {error}"
-        raise UsageError(told) from error
+        message = f"cannot train on {accelerator} with precision={precision} here: {error}"
+        raise UsageError(message) from error
 
 
-def set_threads(given: int | None, folder: Path) -> None:
+def set_threads(count: int | None, folder: Path) -> None:
     """Set torch's CPU threads: the number given, else the checkpoint's, else one per free core.
 
     Another number would change the last digits of a resumed run.
     """
-    saved = checkpoint.saved_checkpoint(folder) if given is None else None
+    saved = checkpoint.saved_checkpoint(folder) if count is None else None
     if saved is not None:
-        given = min(usable_cores(), saved.state.threads)
-    torch.set_num_threads(given or usable_cores())
+        count = min(usable_cores(), saved.state.threads)
+    torch.set_num_threads(count or usable_cores())
 
 
 class Run:
@@ -145,12 +145,12 @@ class Run:
 
     def doubts(self, title: str) -> Iterator[str]:
         """Warnings about the held-out pairs, of the data set of this name."""
-        held_out, seen = self.provenance.held_out_ids, self.provenance.init_ids
+        held_out, init_ids = self.provenance.held_out_ids, self.provenance.init_ids
         if self.config.data.holdout_every and not held_out:
             yield "too few scenes to hold one out, so nothing is validated"
-        if common := provenance.common_ids(title, held_out, seen):
-            told = f"the init weights were trained on {len(common)} of the held-out pairs"
-            yield f"{told}, so the scores are not those of new images"
+        if common := provenance.common_ids(title, held_out, init_ids):
+            message = f"the init weights were trained on {len(common)} of the held-out pairs"
+            yield f"{message}, so the scores are not those of new images"
 
     def check_weights(self) -> None:
         """Check weights before they are saved: a finite loss can have a gradient that is not."""
@@ -222,9 +222,9 @@ def build_optimizer(method: Method, phase: Phase, optim: OptimConfig) -> Optimiz
     groups = _parameter_groups([p for network in body for p in _parts(network)], optim.weight_decay)
     for group in _parameter_groups(encoders, optim.weight_decay):
         groups.append(group | {"lr": optim.learning_rate * optim.encoder_rate})
-    own = {"lr": optim.head_learning_rate, "betas": (optim.head_beta1, optim.head_beta2)}
+    head_options = {"lr": optim.head_learning_rate, "betas": (optim.head_beta1, optim.head_beta2)}
     heads = [network for network in networks if network in heads]
-    groups += [group | own for group in _parameter_groups(heads, optim.weight_decay)]
+    groups += [group | head_options for group in _parameter_groups(heads, optim.weight_decay)]
     return torch.optim.AdamW(groups, optim.learning_rate, (optim.beta1, optim.beta2))
 
 
@@ -342,8 +342,8 @@ def _set_up(
     """Read the pairs, build the networks, and load the folder's checkpoint if there is one."""
     dataset, labels = data.dataset, data.pseudo_labels
     train_rows, held_out = provenance.train_val_split(dataset, config.data)
-    found = provenance.provenance_of(config, data)
-    provenance.check_pseudo_labels(data, found)
+    origin = provenance.provenance_of(config, data)
+    provenance.check_pseudo_labels(data, origin)
     if config.patience and not held_out:
         raise UsageError("patience needs held-out pairs, and there are none: set patience=0")
     if labels is not None and (config.output.coding != "log" or config.method != "proposed"):
@@ -363,9 +363,9 @@ def _set_up(
     )
     validation = callbacks.Validation(dataset, held_out, config) if held_out else None
     run = Run(config, fabric, batches.steps_per_epoch)
-    run.provenance = found
+    run.provenance = origin
     if init_weights:
-        run.provenance = load_init_weights(run.method.generator, init_weights, found)
+        run.provenance = load_init_weights(run.method.generator, init_weights, origin)
         if run.average:
             run.average = WeightAverage(run.method.generator, config.optim.ema)
     run.resume(folder / checkpoint.CHECKPOINT)

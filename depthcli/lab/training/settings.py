@@ -41,8 +41,8 @@ def resolve_config(
         # Code to import is named by the command, never by a file alone.
         loss = replace(saved.config.loss, custom={})
         base = replace(saved.config, loss=loss)
-        given = replace(apply_overrides(base, files, settings), method=method)
-        mismatches = config_differences(saved.config, given)
+        current = replace(apply_overrides(base, files, settings), method=method)
+        mismatches = config_differences(saved.config, current)
         if mismatches:
             raise mismatch_error(folder / CHECKPOINT, mismatches)
         return saved.config

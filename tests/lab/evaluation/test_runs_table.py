@@ -57,7 +57,7 @@ LONGER = _run("x", replace(RUN, state=TrainState(step=60, epoch=3, seconds=150))
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory: pytest.TempPathFactory) -> list[ModelPredictor]:
-    """In no order; each says one depth of every picture, give or take the picture's grey."""
+    """In no order; each says one depth of every image, give or take the image's grey."""
     runs = {
         "zeta": (_run("zeta"), 1.0),
         "proposed-seed1": (_run("proposed-seed1", LONGER, 1, paired=True), 2.0),
@@ -83,7 +83,7 @@ def _report(
     return evaluate(task, models, EvalOptions(PROTOCOL, alignments or (NONE,), **more))
 
 
-def test_pictures_are_those_that_the_runs_held_out(task: EvalTask) -> None:
+def test_images_are_those_that_the_runs_held_out(task: EvalTask) -> None:
     assert task.ids == ("0005", "0001")
     assert task.split == Split(SplitName.VAL, (2, 3, 4), (5, 1), 3, 2)
 
@@ -317,7 +317,7 @@ def test_every_digit_follows_from_the_scores() -> None:
     )
 
 
-def test_pictures_without_a_score_are_left_out() -> None:
+def test_images_without_a_score_are_left_out() -> None:
     values = np.array([0.1, math.nan, 0.3])
     assert scene_interval(values, ["a", "b", "c"]).mean == pytest.approx(0.2)
     none = scene_interval(np.full(3, math.nan), ["a", "b", "c"])
@@ -333,7 +333,7 @@ def _row(name: str, abs_rel: list[float], alignment: Alignment = Alignment.NONE)
     return ReportRow(name, Source.MODEL, alignment, len(images), mean, images=images)
 
 
-def test_rows_are_compared_picture_by_picture_with_seeds_averaged() -> None:
+def test_rows_are_compared_image_by_image_with_seeds_averaged() -> None:
     groups = {
         "mean": [_row("mean", [0.5, 0.5, 0.5])],
         "ours": [_row("ours-seed0", [0.1, 0.4, 0.4]), _row("ours-seed1", [0.3, 0.2, 0.4])],

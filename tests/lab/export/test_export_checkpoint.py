@@ -215,7 +215,7 @@ def test_scores_are_of_the_network_that_was_validated(tmp_path: Path) -> None:
     for options, facts in (
         (ExportOptions(), {"validation": scores}),
         (ExportOptions(half=True), {"validation": scores, "precision": "float16"}),
-        (ExportOptions(int8_pictures=tmp_path), {"validation": {}, "precision": "int8"}),
+        (ExportOptions(int8_images=tmp_path), {"validation": {}, "precision": "int8"}),
     ):
         training = _card(tmp_path, options).training
         names = training.keys() & {"validation", "precision"}
@@ -254,7 +254,7 @@ def test_a_camera_that_is_known_is_not_contradicted(tmp_path: Path) -> None:
 def test_a_card_keeps_the_pixels_that_the_network_learned(
     tmp_path: Path, aspect: float, pixel_aspect: float
 ) -> None:
-    """Pictures of any aspect were stretched to 48 x 32."""
+    """Images of any aspect were stretched to 48 x 32."""
     spec = _card(tmp_path, aspect=aspect).input
     assert (spec.fit, spec.pixel_aspect) == ("keep-aspect", pytest.approx(pixel_aspect, abs=1e-9))
     place = input_layout(spec, round(480 * aspect), 480)

@@ -44,7 +44,7 @@ def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
     for shift in range(4):
         pixels = np.roll(synthetic_picture(), 9 * shift, axis=1)
         write_picture(tmp_path / f"{shift}.png", pixels)
-    (tmp_path / "notes.txt").write_text("no picture")
+    (tmp_path / "notes.txt").write_text("no image")
     network = EfficientGenerator((32,) * 5, (32,) * 4, (1,) * 4, 0.0, norm=True).eval()
     network.head.weight.data.normal_(0, 0.1)
     model = build_graph(network)
@@ -133,7 +133,7 @@ def test_int8_network_for_known_depth_computes_nothing_that_its_output_does_not_
 
 
 @pytest.mark.parametrize("count", [1, 64, 65, 127, 200])
-def test_calibration_is_spread_over_all_pictures(tmp_path: Path, count: int) -> None:
+def test_calibration_is_spread_over_all_images(tmp_path: Path, count: int) -> None:
     for number in range(count):
         write_picture(tmp_path / f"{number:03}.png", np.full((48, 64, 3), number, np.uint8))
     seen = [round((batch.mean() + 1) * 127.5) for batch in calibration_batches(tmp_path, SPEC)]

@@ -32,7 +32,7 @@ class Slow(Pipeline):
 
 def test_throughput_is_that_of_workers_that_take_turns(model_folder: Path, tmp_path: Path) -> None:
     slow = Slow(load(model_folder, provider="cpu", threads=1).session)
-    rate = bench.throughput(slow, bench.synthetic_picture(64, 48), tmp_path, workers=2, seconds=0)
+    rate = bench.throughput(slow, bench.synthetic_image(64, 48), tmp_path, workers=2, seconds=0)
     assert slow.count == 9
     # The last of nine images by two workers ends four turns after the first.
     assert 0 < rate <= 8 / (3 * SLEEP_S)
@@ -51,12 +51,12 @@ def test_peak_memory_is_that_of_the_system() -> None:
 
 
 @pytest.mark.parametrize("size", [(640, 480), (1, 1), (301, 7)])
-def test_synthetic_picture_resembles_a_photograph(size: tuple[int, int]) -> None:
-    data = bench.synthetic_picture(*size)
+def test_synthetic_image_resembles_a_photograph(size: tuple[int, int]) -> None:
+    data = bench.synthetic_image(*size)
     frame = read_image(None, data)
     assert (frame.width, frame.height) == size
     if size == (640, 480):
         detail = cv2.Laplacian(frame.pixels.astype(np.float32), cv2.CV_32F)
-        # The figures of two versions are of the same picture.
+        # The figures of two versions are of the same image.
         found = (frame.pixels.mean(), frame.pixels.std(), detail.std(), len(data))
         assert found == pytest.approx((131.4, 50.0, 15.1, 70_700), rel=1e-2)

@@ -88,7 +88,7 @@ def test_unpaired_depth_is_of_other_scenes() -> None:
 
 
 def _ramps(count: int) -> Rooms:
-    """Pictures that get brighter to the right, as their depth grows from 2 to 4 m."""
+    """Images that get brighter to the right, as their depth grows from 2 to 4 m."""
     share = np.broadcast_to(np.linspace(0, 1, WIDTH, dtype=np.float32), (count, HEIGHT, WIDTH))
     images = np.repeat((255 * share).astype(np.uint8)[..., None], 3, axis=3)
     return Rooms(images, 2 + 2 * share, tuple(f"den_{i}" for i in range(count)))
@@ -159,7 +159,7 @@ def test_no_pair_is_an_error() -> None:
 
 
 @pytest.mark.parametrize(
-    ("picture", "stored"),
+    ("image", "stored"),
     [
         ((300, 100), (150, 300)),
         ((150, 130), (130, 260)),
@@ -167,9 +167,9 @@ def test_no_pair_is_an_error() -> None:
         ((9, 9), (100, 200)),
     ],
 )
-def test_pictures_are_kept_as_views_need(picture: tuple[int, int], stored: tuple[int, int]) -> None:
-    """At the network's aspect, as large as the picture along one axis, at most twice the size."""
-    width, height = _stored_size((*picture, 3), replace(DATA, width=100, height=200))
+def test_images_are_kept_as_views_need(image: tuple[int, int], stored: tuple[int, int]) -> None:
+    """At the network's aspect, as large as the image along one axis, at most twice the size."""
+    width, height = _stored_size((*image, 3), replace(DATA, width=100, height=200))
     assert (width, height) == stored
 
 
@@ -254,7 +254,7 @@ def test_batches_never_show_zero_and_say_what_is_known() -> None:
         assert float(depth_m.min()) > 0.9 / 1.5
 
 
-def test_known_pixels_have_the_depth_of_the_picture_without_holes() -> None:
+def test_known_pixels_have_the_depth_of_the_image_without_holes() -> None:
     """Holes at the stored size, so that only the view mixes pixels."""
     whole_m = torch.rand(6, 1, 64, 64, generator=torch.Generator().manual_seed(1)) * 5 + 1
     valid_mask = torch.rand(6, 1, 64, 64, generator=torch.Generator().manual_seed(2)) > 0.05

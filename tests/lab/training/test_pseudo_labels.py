@@ -198,8 +198,8 @@ def more(tmp_path: Path) -> Path:
     camera = {"camera": {"hfov_deg": 63.3}, "input__width": 192, "input__height": 144}
     model = write_model(tmp_path / "model", input__fit="keep-aspect", **camera)
     for name, (height, width) in {"room": (72, 96), "wide": (72, 128), "lens": (96, 72)}.items():
-        picture = np.full((height, width, 3), GRAY, np.uint8)
-        write_picture(tmp_path / "more" / "rgb" / f"{name}.jpg", picture)
+        image = np.full((height, width, 3), GRAY, np.uint8)
+        write_picture(tmp_path / "more" / "rgb" / f"{name}.jpg", image)
     lens = tmp_path / "more" / "rgb" / "lens.jpg"
     lens.write_bytes(jpeg_with_exif(lens.read_bytes(), exif(focal_35mm=26)))
     words = ["batch", str(lens.parent), "--out", str(tmp_path / "more" / "depth"), "--quiet"]

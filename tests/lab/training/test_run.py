@@ -51,8 +51,8 @@ def _gradients(config: TrainConfig, batch: TrainingBatch) -> dict[str, torch.Ten
 
 
 @pytest.mark.parametrize("antialias", [False, True])
-def test_gradients_of_one_picture_are_those_of_the_same_picture_twice(antialias: bool) -> None:
-    """Instance norm has gone wrong for one picture alone in channels-last memory."""
+def test_gradients_of_one_image_are_those_of_the_same_image_twice(antialias: bool) -> None:
+    """Instance norm has gone wrong for one image alone in channels-last memory."""
     generator: dict[str, Any] = {"antialias": antialias}
     config = updated(PAPER, {**PLAIN, "generator": generator})
     random = torch.Generator().manual_seed(0)
@@ -255,8 +255,8 @@ LEARNED = {
 }
 
 
-def _pictures() -> Rooms:
-    """Pictures and depth by a formula, with holes in one of them."""
+def _images() -> Rooms:
+    """Images and depth by a formula, with holes in one of them."""
     rows, columns = np.mgrid[0:60, 0:80] / np.float32(80)
     numbers = np.arange(6, dtype=np.float32)[:, None, None]
     depths_m = 3 + np.sin(7 * columns + numbers) + np.cos(5 * rows * (numbers + 1))
@@ -278,9 +278,9 @@ def _digest(values: torch.Tensor) -> list[float]:
 
 def shown(name: str) -> dict[str, list[float]]:
     """Three batches of four pairs."""
-    data, pictures = SHOWN[name], _pictures()
-    store = PairStore(pictures, TRAIN, data)
-    extra = PairStore(pictures, [2], data) if name == "extra" else None
+    data, images = SHOWN[name], _images()
+    store = PairStore(images, TRAIN, data)
+    extra = PairStore(images, [2], data) if name == "extra" else None
     batches = Batches(store, data, 4, 7, torch.device("cpu"), pseudo_labels=extra)
     return {
         f"{part} {step}": _digest(values)

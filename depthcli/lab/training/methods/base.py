@@ -30,7 +30,7 @@ class Method(nn.Module):
 
     Attributes:
         TERMS: the weights of ``LossConfig`` that the method uses; others have to be zero.
-        PAIRED: whether it can be trained with aligned pairs of picture and depth map.
+        PAIRED: whether it can be trained with aligned pairs of image and depth map.
         phases: the order of the two half steps.
         generator: G, gray to depth: the network that is validated and exported.
         share_done: fraction of the schedule that is done, in [0, 1); set by the training loop.
@@ -84,10 +84,10 @@ class Method(nn.Module):
         pair, penalty = (raw_y, y), self.weights.weight_penalty
         l1 = partial(losses.regularized_l1, *pair, self.generator, penalty, valid_mask)
         others = {name: getattr(losses, function) for name, function in PAIRED_LOSSES.items()}
-        own = self.weighted(
+        terms = self.weighted(
             l1=l1, **{name: partial(loss, *pair, valid_mask) for name, loss in others.items()}
         )
-        return own | self.custom_terms(*pair, valid_mask)
+        return terms | self.custom_terms(*pair, valid_mask)
 
     def custom_terms(
         self, prediction: Tensor, truth: Tensor, valid_mask: Tensor | None

@@ -19,8 +19,8 @@ _Patches: TypeAlias = Callable[[], tuple[list[Tensor], list[Tensor]]]
 class Cut(base.Method):
     """GAN + contrast of x and G(x) + contrast of y and G(y).
 
-    With ``flip_contrast`` (FastCUT), G gets the mirrored picture in half of the steps; its features
-    are mirrored back and compared with those of the original picture.
+    With ``flip_contrast`` (FastCUT), G gets the mirrored image in half of the steps; its features
+    are mirrored back and compared with those of the original image.
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "contrast_x", "contrast_y"})

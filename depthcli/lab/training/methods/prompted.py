@@ -46,8 +46,8 @@ class Prompted(Method):
         if self.config.prompt.base_errors:
             errors = random_errors(raw) * (self.config.prompt.base_errors / self.codec.scale)
             raw = nearer_far_away(raw + errors)
-        made = self.generator.correction(batch.network_input, maps, raw, prompt, mask).float()
-        return self.paired_terms(made, self.encode(batch.depth_m), batch.valid_mask)
+        prediction = self.generator.correction(batch.network_input, maps, raw, prompt, mask).float()
+        return self.paired_terms(prediction, self.encode(batch.depth_m), batch.valid_mask)
 
 
 def random_errors(raw: Tensor) -> Tensor:
@@ -77,5 +77,5 @@ def nearer_far_away(raw: Tensor) -> Tensor:
     begin, share, is_chosen = torch.rand((3, len(raw), 1, 1, 1), device=raw.device)
     low, high = raw.amin((2, 3), keepdim=True), raw.amax((2, 3), keepdim=True)
     beyond = F.relu(raw - low - begin * (high - low))
-    found: Tensor = raw - share * (is_chosen < _NEARER) * beyond
-    return found
+    compressed: Tensor = raw - share * (is_chosen < _NEARER) * beyond
+    return compressed

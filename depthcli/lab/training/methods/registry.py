@@ -16,15 +16,14 @@ DEFAULTS = Path(__file__).parent / "defaults"
 def method_class(name: str) -> type[Method]:
     """The class of a method of the table, or of ``module:Class``; imports its module, and torch."""
     if name in METHODS:
-        found: type[Method] = resolve_name(f"depthcli.lab.training.methods.{METHODS[name]}")
-        return found
-    own = imported(name) if ":" in name else None
-    if not (isinstance(own, type) and issubclass(own, Method)):
+        return resolve_name(f"depthcli.lab.training.methods.{METHODS[name]}")  # type: ignore[no-any-return]
+    kind = imported(name) if ":" in name else None
+    if not (isinstance(kind, type) and issubclass(kind, Method)):
         raise UsageError(
             f"no method '{name}'; choose from {', '.join(METHODS)}, or name a subclass of Method "
             "as module:Class"
         )
-    return own
+    return kind
 
 
 def default_config(method: str) -> TrainConfig:

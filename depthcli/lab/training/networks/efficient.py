@@ -45,7 +45,7 @@ class DecodingGenerator(nn.Module):
     def features(self, x: Tensor, taps: Sequence[str] = TAPS) -> list[Tensor]:
         """Encoder feature maps of x (B, C, H, W) for the given taps."""
         maps = dict(zip(DecodingGenerator.TAPS, self._encode(x)[0], strict=True))
-        return [found for tap in taps if (found := maps[tap]) is not None]
+        return [features for tap in taps if (features := maps[tap]) is not None]
 
     def forward(self, x: Tensor) -> Tensor:
         """Raw depth (B, 1, ceil(H/2), ceil(W/2)) of x (B, C, H, W) in [-1, 1]."""
@@ -89,13 +89,13 @@ class _Resized(torch.autograd.Function):
         shapes = graph.op("Shape", x, end_i=2), graph.op("Shape", like, start_i=2)
         none = graph.op("Constant", value_t=torch.tensor([], dtype=torch.float32))
         sizes = graph.op("Concat", *shapes, axis_i=0)
-        made = graph.op("Resize", x, none, none, sizes, mode_s="linear")
-        made.setType(x.type())
-        return made
+        resize = graph.op("Resize", x, none, none, sizes, mode_s="linear")
+        resize.setType(x.type())
+        return resize
 
 
 class EfficientGenerator(DecodingGenerator):
-    """Gray picture to raw depth at half the picture's size.
+    """Gray image to raw depth at half the image's size.
 
     The arguments are fields of :class:`~depthcli.lab.training.config.GeneratorConfig`; convolutions
     without batch norm have biases.

@@ -53,7 +53,7 @@ class EncoderGenerator(DecodingGenerator):
     def load_encoder(self, weights: Path | None) -> None:
         """Load pretrained weights of the encoder; None downloads those of timm's hub.
 
-        A file is a state dict for pictures of three channels, whose tensors have the order and the
+        A file is a state dict for images of three channels, whose tensors have the order and the
         shapes of timm's; further ones, such as a classifier's, are ignored.
         """
         network = timm_features(self.name, 3, pretrained=weights is None)
@@ -140,35 +140,35 @@ def folded_norms(network: nn.Module, channels: int) -> nn.Module:
 @torch.no_grad()
 def _conv_norms(network: nn.Module, channels: int) -> Iterator[tuple[nn.Conv2d, nn.BatchNorm2d]]:
     """Convolutions and the batch norms that take their outputs, found by running the network."""
-    made: dict[int, tuple[nn.Conv2d, Tensor]] = {}
+    producers: dict[int, tuple[nn.Conv2d, Tensor]] = {}
     pairs: dict[nn.Conv2d, nn.BatchNorm2d] = {}
 
     def note(module: nn.Module, inputs: tuple[Tensor, ...], output: Tensor) -> None:
         if isinstance(module, nn.Conv2d):
-            made[id(output)] = module, output  # kept, so that its id is not used again
-        elif id(inputs[0]) in made:
-            pairs[made[id(inputs[0])][0]] = module  # type: ignore[assignment]
+            producers[id(output)] = module, output  # kept, so that its id is not used again
+        elif id(inputs[0]) in producers:
+            pairs[producers[id(inputs[0])][0]] = module  # type: ignore[assignment]
 
     kinds = (nn.Conv2d, nn.BatchNorm2d)
-    found = [module for module in network.modules() if isinstance(module, kinds)]
-    hooks = [module.register_forward_hook(note) for module in found]
+    modules = [module for module in network.modules() if isinstance(module, kinds)]
+    hooks = [module.register_forward_hook(note) for module in modules]
     network(torch.zeros(1, channels, _EXAMPLE_PX, _EXAMPLE_PX))
     for hook in hooks:
         hook.remove()
     yield from pairs.items()
 
 
-def _in_order(wanted: Mapping[str, Tensor], path: Path) -> dict[str, Tensor]:
+def _in_order(expected: Mapping[str, Tensor], path: Path) -> dict[str, Tensor]:
     """Tensors of a weight file under the names of a network, assigned by their order."""
     try:
         stored = torch.load(path, map_location="cpu", weights_only=True)
         tensors = [value for name, value in stored.items() if _COUNTERS not in name]
     except Exception as error:  # a file that is not a pickle can raise anything
         raise CheckpointError(f"{path} is not a state dict of torch") from error
-    names = [name for name in wanted if _COUNTERS not in name]
+    names = [name for name in expected if _COUNTERS not in name]
     for name, value in zip(names, tensors, strict=False):
-        if wanted[name].shape != value.shape:
-            ours, theirs = tuple(wanted[name].shape), tuple(value.shape)
+        if expected[name].shape != value.shape:
+            ours, theirs = tuple(expected[name].shape), tuple(value.shape)
             raise CheckpointError(
                 f"{path} does not fit the encoder: {name} is {ours}, not {theirs}"
             )

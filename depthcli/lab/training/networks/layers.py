@@ -25,8 +25,8 @@ class BlurDown(nn.Module):
 class InstanceNorm(nn.InstanceNorm2d):
     """Instance norm without affine parameters (Ulyanov et al. 2016).
 
-    The gradients of torch's own (2.13 still) are wrong for one picture in channels-last memory, so
-    the batch norm of one picture, which is the same, is used where gradients are needed.
+    The gradients of torch's own (2.13 still) are wrong for one image in channels-last memory, so
+    the batch norm of one image, which is the same, is used where gradients are needed.
     """
 
     def forward(self, x: Tensor) -> Tensor:

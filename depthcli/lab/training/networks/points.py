@@ -37,14 +37,14 @@ class Points:
         difference: (B, 4, H/2, W/2) less the centre, times GAIN; 0 where depth is unknown.
     """
 
-    def __init__(self, prompt: Tensor, known: Tensor, predicted: Tensor) -> None:
+    def __init__(self, prompt: Tensor, mask: Tensor, predicted: Tensor) -> None:
         """Compare coded depth of pixels, (B, 4, H/2, W/2)."""
-        self.known, self.share = known, _pixel_mean(known)
-        difference = (prompt - predicted) * known
+        self.known, self.share = mask, _pixel_mean(mask)
+        difference = (prompt - predicted) * mask
         mean = _pixel_mean(difference) / (self.share + LEAST)
         self.centre = robust_mean(mean, self.share)
         self.mean = GAIN * (mean - self.centre)
-        self.difference = GAIN * (difference - self.centre * known)
+        self.difference = GAIN * (difference - self.centre * mask)
 
     def pooled(self, rest: Tensor, log_spread: Tensor, stride: int) -> tuple[Tensor, Tensor]:
         """Share of pixels with points, and mean, in cells (B, 1, h, w) of a stride.
@@ -62,10 +62,10 @@ class Points:
         Of predicted (B, 1, H/2, W/2), less the centre. Sensors see nothing beyond their range, so
         that a hole that seems to be as far as the farthest points is often farther.
         """
-        known = GAIN * predicted + self.mean
-        share, total = (pooled(values, 8) for values in (self.share, self.share * known))
-        known = torch.where(share > 0, total / (share + LEAST), _NEAREST)
-        return GAIN * predicted - known.amax((2, 3), keepdim=True)
+        farthest = GAIN * predicted + self.mean
+        share, total = (pooled(values, 8) for values in (self.share, self.share * farthest))
+        farthest = torch.where(share > 0, total / (share + LEAST), _NEAREST)
+        return GAIN * predicted - farthest.amax((2, 3), keepdim=True)
 
 
 class PointInterpolation(nn.Module):
@@ -75,10 +75,10 @@ class PointInterpolation(nn.Module):
     stride 8 with points. A point that contradicts the others, as they interpolate it, counts less.
     """
 
-    def __init__(self, seen: int) -> None:
+    def __init__(self, channels: int) -> None:
         super().__init__()
         width = HEADS * _KEY_CHANNELS
-        self.queries, self.keys = nn.Conv2d(seen, width, 1), nn.Conv2d(seen, width, 1)
+        self.queries, self.keys = nn.Conv2d(channels, width, 1), nn.Conv2d(channels, width, 1)
         self.log_distance = nn.Parameter(torch.tensor(_DISTANCES).log())
         self.nothing = nn.Parameter(torch.full((HEADS,), _NOTHING))  # logit of no correction
         self.log_spread = nn.Parameter(torch.tensor([_SPREAD, _ERROR_SPREAD]).log())
@@ -86,8 +86,8 @@ class PointInterpolation(nn.Module):
         nn.init.zeros_(self.belief[-1].weight)  # type: ignore[arg-type]
         nn.init.constant_(self.belief[-1].bias, FOLLOWED)  # type: ignore[arg-type]
 
-    def forward(self, seen: Tensor, points: Points) -> tuple[Tensor, Tensor, Tensor]:
-        """The field (B, 1, h/2, w/2) of seen (B, C, h, w), its parts, and what points are like.
+    def forward(self, image_map: Tensor, points: Points) -> tuple[Tensor, Tensor, Tensor]:
+        """The field (B, 1, h/2, w/2) of features (B, C, h, w), its parts, and what points are like.
 
         The parts are the field and the support of each head, (B, 2 heads, h/2, w/2). The last are
         the scatter of all points, from what others say, and their number, (B, 2, 1, 1) about 1.
@@ -97,28 +97,28 @@ class PointInterpolation(nn.Module):
         size = mean.shape[2:]
         scaled = [each / math.sqrt(_KEY_CHANNELS) for each in self.queries.parameters()]
         weight, bias = map(torch.cat, zip(scaled, self.keys.parameters(), strict=True))
-        features = F.conv2d(seen, weight, bias).float()  # one convolution is faster than two
-        own = pooled(features * fine, 2) / (pooled(fine, 2) + LEAST)
-        cells = torch.cat([own, pooled(features, 2), count, mean, _places(mean)], 1).flatten(2)
-        own, keys, queries, _, count, mean, places = cells.split_with_sizes(
+        features = F.conv2d(image_map, weight, bias).float()  # one convolution is faster than two
+        local = pooled(features * fine, 2) / (pooled(fine, 2) + LEAST)
+        cells = torch.cat([local, pooled(features, 2), count, mean, _places(mean)], 1).flatten(2)
+        local, keys, queries, _, count, mean, places = cells.split_with_sizes(
             [HEADS * _KEY_CHANNELS] * 4 + [1, 1, 2], 1
         )
         number = count * 16**2
         trust = (number + _NO_TRUST).log().clamp(max=1.0)
-        itself = _SELF * torch.eye(cells.shape[2], cells.shape[2] + 1, device=seen.device)
-        error, _, supports = self._taken(own, keys, places, trust, mean, itself)
+        itself = _SELF * torch.eye(cells.shape[2], cells.shape[2] + 1, device=cells.device)
+        error, _, supports = self._taken(local, keys, places, trust, mean, itself)
         error = error.abs()
         total = count.sum(2, keepdim=True)
         scatter = (count * error).sum(2, keepdim=True) / (total + LEAST)
-        told = [(scatter / GAIN + 1e-3).log() / 2 + 1.5, (total + 1e-3).log() / 4]
-        known = torch.cat([error, scatter.expand_as(error), mean, number, supports], 1)
-        belief = self.belief(known[:, :, None])[:, :, 0].float().sigmoid()
+        facts = [(scatter / GAIN + 1e-3).log() / 2 + 1.5, (total + 1e-3).log() / 4]
+        evidence = torch.cat([error, scatter.expand_as(error), mean, number, supports], 1)
+        belief = self.belief(evidence[:, :, None])[:, :, 0].float().sigmoid()
         belief = _cauchy(belief, error, GAIN * self.log_spread[1].exp())
         trust = trust + (belief + _LEAST_BELIEF).log()
         left, taken, supports = self._taken(queries, keys, places, trust, mean)
-        found = torch.cat([mean - left, taken, supports], 1).unflatten(2, size)  # type: ignore[no-untyped-call]
-        field, parts = found.split_with_sizes([1, 2 * HEADS], 1)
-        return field, parts, torch.cat(told, 1)[..., None]
+        cells = torch.cat([mean - left, taken, supports], 1).unflatten(2, size)  # type: ignore[no-untyped-call]
+        field, heads = cells.split_with_sizes([1, 2 * HEADS], 1)
+        return field, heads, torch.cat(facts, 1)[..., None]
 
     def _taken(
         self,
@@ -135,7 +135,7 @@ class PointInterpolation(nn.Module):
         ``trust`` (B, 1, N) and ``bias`` (N, N + 1); the last key is no correction. And what each
         head takes, and its support, (B, heads, N).
         """
-        one, left, taken = torch.ones_like(mean), mean, []
+        ones, left, taken = torch.ones_like(mean), mean, []
         heads = [_KEY_CHANNELS] * HEADS
         pairs = zip(*(each.split_with_sizes(heads, 1) for each in (queries, keys)), strict=True)
         with full_precision(mean):
@@ -143,10 +143,10 @@ class PointInterpolation(nn.Module):
                 at = places / self.log_distance[head].exp()
                 far = (at * at).sum(1, keepdim=True) / 2
                 last = trust + (-far - self.nothing[head])
-                to = torch.cat([query, at, -far, one], 1).transpose(1, 2)
-                of = F.pad(torch.cat([key, at, one, last], 1), (0, 1))
+                to = torch.cat([query, at, -far, ones], 1).transpose(1, 2)
+                of = F.pad(torch.cat([key, at, ones, last], 1), (0, 1))
                 shares = (to @ of + bias).clamp(min=_LEAST_LOGIT).softmax(2)
-                values = F.pad(torch.cat([left, one], 1), (0, 1))
+                values = F.pad(torch.cat([left, ones], 1), (0, 1))
                 taken.append((values @ shares.transpose(1, 2)).split_with_sizes([1, 1], 1))
                 left = left - taken[-1][0]
         parts, supports = (torch.cat(each, 1) for each in zip(*taken, strict=True))
@@ -182,7 +182,7 @@ def unpacked(values: Tensor, channels: int = 1) -> Tensor:
     if not torch.onnx.is_in_onnx_export():
         return F.pixel_unshuffle(values, 2)
     each = values.split_with_sizes([1] * channels, 1) if channels > 1 else (values,)
-    return torch.cat([_Unpacked.apply(one) for one in each], 1)  # type: ignore[no-untyped-call]
+    return torch.cat([_Unpacked.apply(channel) for channel in each], 1)  # type: ignore[no-untyped-call]
 
 
 class _Unpacked(torch.autograd.Function):
@@ -206,5 +206,5 @@ def pooled(values: Tensor, size: int) -> Tensor:
 
 def _places(like: Tensor) -> Tensor:
     """Column and row of each pixel, in widths of the map: (B, 2, h, w)."""
-    one = torch.ones_like(like)
-    return (torch.cat([one.cumsum(3), one.cumsum(2)], 1) - 0.5) / one.sum(3, keepdim=True)
+    ones = torch.ones_like(like)
+    return (torch.cat([ones.cumsum(3), ones.cumsum(2)], 1) - 0.5) / ones.sum(3, keepdim=True)

@@ -39,7 +39,7 @@ def test_paper_size_has_the_papers_parameters(antialias: bool, residual: str, mo
     assert _parameters(network) == 11_365_633 + more
 
 
-def test_tap_channels_are_known_before_any_picture() -> None:
+def test_tap_channels_are_known_before_any_image() -> None:
     with torch.device("meta"):
         network, image = ResnetGenerator(residual="none"), torch.zeros(2, 1, 64, 32)
     maps = network.features(image)
@@ -135,13 +135,13 @@ def _by_hand(network: ResnetGenerator, x: Tensor, *, antialias: bool) -> Tensor:
 @pytest.mark.parametrize("antialias", [False, True])
 @pytest.mark.parametrize("residual", ["none", "stem", "input"])
 def test_is_its_layers(antialias: bool, residual: str) -> None:
-    network, picture = _grown(antialias=antialias, residual=residual), torch.rand(2, 1, 20, 16)
+    network, image = _grown(antialias=antialias, residual=residual), torch.rand(2, 1, 20, 16)
     with torch.no_grad():
         for name, weight in network.named_parameters():
             if weight.ndim < 2:
                 weight.normal_(std=0.5 if name == "input_gain" else 0.05)
-    wanted = _by_hand(network, picture, antialias=antialias)
-    torch.testing.assert_close(network(picture), wanted, atol=1e-4, rtol=1e-4)
+    wanted = _by_hand(network, image, antialias=antialias)
+    torch.testing.assert_close(network(image), wanted, atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("antialias", [False, True])
