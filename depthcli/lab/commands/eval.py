@@ -13,8 +13,7 @@ from depthcli.cli.screen import console
 from depthcli.core import options as choices
 from depthcli.errors import ExitCode, UsageError
 from depthcli.lab.commands.options import PatternOptions, WeightsOption
-from depthcli.lab.datasets.base import SplitName
-from depthcli.lab.options import Alignment, Averaging, Crop, Mask, Part, Weights
+from depthcli.lab.options import Alignment, Averaging, Crop, Mask, Part, SplitName, Weights
 
 if TYPE_CHECKING:
     from depthcli.io.depth.read import DepthReadOptions

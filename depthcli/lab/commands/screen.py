@@ -86,7 +86,7 @@ class EpochCallback(Callback):
     def on_epoch_end(self, state: TrainState) -> None:
         """Print scores, and the losses of the last step; as text also rate and remaining time."""
         if self._as_json:
-            values = dataclasses.asdict(state) | {"scores": finite_or_none(state.scores.items())}
+            values = dataclasses.asdict(state) | {"scores": finite_or_none(state.scores)}
             values["losses"] = self._losses
             console.out_json(values if self._run is None else {"run": self._run, **values})
             return

@@ -1,29 +1,23 @@
-"""The interface of data sets of images with measured depth, and the splits of NYU Depth v2.
+"""The interface of data sets of images and depth, splits of NYU Depth v2, ids, and known folders.
 
 Ids of NYU Depth v2 are zero-based label numbers ("0000" to "1448"), in the labelled set's order.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Self, TypeAlias
+from typing import Self, TypeAlias
 
+from depthcli.core.arrays import Float32Array, UInt8Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.types import Frame
 from depthcli.core.validation import fingerprint
 from depthcli.errors import DatasetError
-
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    from depthcli.core.types import Frame
+from depthcli.lab.options import SplitName
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,20 +79,18 @@ class DepthDataset(ABC):
         return replace(self, pairs=tuple(self.pairs[i] for i in positions))
 
     @abstractmethod
-    def image(self, i: int) -> npt.NDArray[np.uint8]:
+    def image(self, i: int) -> UInt8Array:
         """Image of pair ``i``: (H, W, 3) RGB uint8."""
 
     def frame(self, i: int) -> Frame:
         """Image of pair ``i`` with what its file states, such as the focal length of EXIF."""
-        from depthcli.core.types import Frame  # noqa: PLC0415 - needs numpy
-
         return Frame(self.image(i))
 
     @abstractmethod
-    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
+    def depth_m(self, i: int) -> Float32Array:
         """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none."""
 
-    def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
+    def raw_depth_m(self, i: int) -> Float32Array:
         """Measured depth of pair ``i``, not filled: (H, W) float32 metres, 0 = none."""
         raise DatasetError(f"there is no raw depth of {self.pairs[i].id}")
 
@@ -110,14 +102,6 @@ HELD_OUT = "held-out"  #: name of the split of pairs of one's own that training 
 LABELLED_COUNT = 1449
 PAPER_TRAIN_COUNT = 1000
 _COUNTS = {"paper": (1000, 449), "official": (795, 654), "val": (866, 134)}
-
-
-class SplitName(StrEnum):
-    """The ways to divide the labelled set."""
-
-    PAPER = "paper"  #: pairs 1–1000 for training, 1001–1449 for testing; no scene is in both
-    OFFICIAL = "official"  #: the data set's own 795 / 654 pairs, as in most of the literature
-    VAL = "val"  #: pairs 1–1000 only: every seventh scene for testing, the others for training
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,10 +116,7 @@ class Split:
 
 
 def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> frozenset[str]:
-    """Scenes that are held out from training: every ``every``-th by name, from ``offset`` on.
-
-    Names begin with the type of the scene, so types with many scenes are represented. Pairs whose
-    scene is not known ("") are not held out.
+    """Scenes to hold out: every ``every``-th by name, from ``offset`` on, of each type; never "".
 
     >>> sorted(held_out_scenes(["a", "b", "b", "c", "d", "e"], every=2, offset=1))
     ['b', 'd']
@@ -145,29 +126,26 @@ def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> f
 
 def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:
     """Divide a data set whose ids are label numbers; the test part may be empty."""
-    labels = [_label(dataset_id) for dataset_id in dataset.ids]
-    counts = _COUNTS[name]
-    match name:
-        case SplitName.PAPER:
-            parts = ["train" if label < PAPER_TRAIN_COUNT else "test" for label in labels]
-        case SplitName.OFFICIAL:
-            parts = list(dataset.official_split)
-            if not {"train", "test"}.issuperset(parts):
-                advice = "give index.csv (id,scene,official_split) with train or test for each pair"
-                raise DatasetError("the official split of some pairs is not known", advice)
-        case SplitName.VAL:
-            scenes = [
-                s for s, x in zip(dataset.scenes, labels, strict=True) if x < PAPER_TRAIN_COUNT
-            ]
-            held_out = held_out_scenes(scenes)
-            parts = [
-                "" if label >= PAPER_TRAIN_COUNT else "test" if scene in held_out else "train"
-                for scene, label in zip(dataset.scenes, labels, strict=True)
-            ]
-            if len(scenes) == PAPER_TRAIN_COUNT:
-                counts = parts.count("train"), parts.count("test")
-    train = tuple(i for i, part in enumerate(parts) if part == "train")
-    test = tuple(i for i, part in enumerate(parts) if part == "test")
+    labels, counts = map(_label, dataset.ids), _COUNTS[name]
+    parts = ["train" if label < PAPER_TRAIN_COUNT else "test" for label in labels]
+    if name is SplitName.OFFICIAL:
+        parts = list(dataset.official_split)
+        if not {"train", "test"}.issuperset(parts):
+            advice = "give index.csv (id,scene,official_split) with train or test for each pair"
+            raise DatasetError("the official split of some pairs is not known", advice)
+    elif name is SplitName.VAL:
+        numbered = list(zip(dataset.scenes, parts, strict=True))
+        scenes = [scene for scene, part in numbered if part == "train"]
+        held_out = held_out_scenes(scenes)
+        parts = [
+            "" if part == "test" else "test" if scene in held_out else "train"
+            for scene, part in numbered
+        ]
+        if len(scenes) == PAPER_TRAIN_COUNT:
+            counts = parts.count("train"), parts.count("test")
+    train, test = (
+        tuple(i for i, part in enumerate(parts) if part == half) for half in ("train", "test")
+    )
     return Split(name, train, test, *counts)
 
 
@@ -207,10 +185,7 @@ def compact(ids: Iterable[str]) -> str:
 
 
 def parse(text: str) -> frozenset[int]:
-    """Parse ranges of ids to numbers.
-
-    Raises:
-        ValueError: the text is not a list of ranges.
+    """Parse ranges of ids to numbers; ValueError if they are none.
 
     >>> sorted(parse("0000-0002,0007"))
     [0, 1, 2, 7]
@@ -223,10 +198,7 @@ def parse(text: str) -> frozenset[int]:
 
 
 def data_fingerprint(dataset: DepthDataset) -> str:
-    """Checksum of ids, focal lengths and file sizes in bytes; not of the folder's path.
-
-    Of a data set that is not made of image files, such as a .mat file, it has no sizes.
-    """
+    """Checksum of ids, focal lengths and sizes of image files, if there are any, not of paths."""
     sizes = [[file.stat().st_size for file in dataset.files(i)] for i in range(len(dataset))]
     return fingerprint(list(dataset.ids), list(dataset.focal_px), sizes if any(sizes) else [])
 

@@ -10,7 +10,6 @@ Images", ECCV 2012.
 """
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -62,10 +61,7 @@ class NyuMat(DepthDataset):
 
 
 def open_mat(path: Path) -> NyuMat:
-    """Open the file.
-
-    An index.csv beside it supplies the official split, which the file lacks.
-    """
+    """Open the file; an index.csv beside it supplies the official split, which the file lacks."""
     try:
         import h5py  # noqa: PLC0415 - optional, and only this format needs it
     except ImportError as error:
@@ -80,11 +76,13 @@ def open_mat(path: Path) -> NyuMat:
             f"{path} is not a complete {MAT_NAME}",
             f"fetch it again if it was cut short (it has {_WHOLE})",
         ) from error
-    index_path = path.with_name(INDEX_NAME)
-    index = read_index(index_path) if index_path.is_file() else {}
-    splits = {pair_id: pair.official_split for pair_id, pair in index.items()}
-    ids = [f"{i:04d}" for i in range(count)]
-    pairs = (Pair(i, scene, splits.get(i, "")) for i, scene in zip(ids, scenes, strict=True))
+    table, unlisted = path.with_name(INDEX_NAME), Pair("")
+    index = read_index(table) if table.is_file() else {}
+    ids = (f"{i:04d}" for i in range(count))
+    pairs = (
+        Pair(name, scene, index.get(name, unlisted).official_split)
+        for name, scene in zip(ids, scenes, strict=True)
+    )
     return NyuMat(tuple(pairs), path, file)
 
 
@@ -146,11 +144,12 @@ def open_indexed_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> fo
             f"{path / INDEX_NAME} lists {len(index)} pairs but the folder holds {len(dataset)} "
             f"(first difference: {differing[0]})"
         )
-    named = (
-        replace(pair, scene=index[pair.id].scene, official_split=index[pair.id].official_split)
-        for pair in dataset.pairs
+    entries = (index[pair.id] for pair in dataset.pairs)
+    pairs = (
+        replace(pair, scene=entry.scene, official_split=entry.official_split)
+        for pair, entry in zip(dataset.pairs, entries, strict=True)
     )
-    return replace(dataset, pairs=tuple(named))
+    return replace(dataset, pairs=tuple(pairs))
 
 
 def read_index(path: Path) -> dict[str, Pair]:
@@ -161,16 +160,11 @@ def read_index(path: Path) -> dict[str, Pair]:
     missing = [name for name in _COLUMNS if name not in table.columns]
     if missing:
         raise DatasetError(f"{path} lacks the column {missing[0]}: needs {', '.join(_COLUMNS)}")
-    index = {row["id"]: _listed_pair(path, row) for row in rows}
+    for part in (row["official_split"] for row in rows):
+        if part not in {"train", "test", ""}:
+            message = f"has the official split {short_repr(part)}: it is train, test or empty"
+            raise DatasetError(f"{path} {message}")
+    index = {row["id"]: Pair(row["id"], row["scene"], row["official_split"]) for row in rows}
     if len(index) != len(rows):
         raise DatasetError(f"{path} names {len(rows) - len(index)} ids more than once")
     return index
-
-
-def _listed_pair(path: Path, row: Mapping[str, str]) -> Pair:
-    part = row["official_split"]
-    if part not in {"train", "test", ""}:
-        raise DatasetError(
-            f"{path} has the official split {short_repr(part)}: it is train, test or empty"
-        )
-    return Pair(row["id"], row["scene"], part)

@@ -7,7 +7,7 @@ from enum import StrEnum
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array
+from depthcli.core.arrays import Float32Array, Float64Array, Int64Array
 from depthcli.core.options import short_repr
 from depthcli.errors import UsageError
 
@@ -31,10 +31,10 @@ class Pattern(StrEnum):
 
     UNIFORM = "uniform"  #: points anywhere; the size is their number
     LIDAR = "lidar"  #: slanted lines; the size is their number
-    CAMERA = "camera"
-    """A depth camera, with holes at edges and beyond its range; the size is its columns."""
-    CORNERS = "corners"
-    """Corners of the image, as visual odometry tracks; the size is their number."""
+    CAMERA = "camera"  #: a depth camera, with holes at edges; the size is its columns
+    CORNERS = (
+        "corners"  #: corners of the image, as visual odometry tracks; the size is their number
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,15 +57,9 @@ class Prompt:
         return f"{self.pattern}:{self.size}{suffix}"
 
     def draw(self, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Map:
-        """Draw known depth from a map.
+        """Draw known depth, (H, W) float32 metres, 0 where nothing is known.
 
-        Args:
-            depth_m: (H, W) metres; 0 or NaN where there is none.
-            gray: (H, W) float32, the image.
-            random: the only source of randomness.
-
-        Returns:
-            (H, W) float32 metres, 0 where nothing is known.
+        It is that of ``depth_m``, (H, W) metres, 0 or NaN for none, of the image ``gray`` (H, W).
         """
         height, width = depth_m.shape
         y, x = _PLACES[self.pattern](self, depth_m, gray, random)
@@ -83,21 +77,15 @@ class Prompt:
         return sparse
 
     def _with_errors(self, seen_m: Float64Array, random: np.random.Generator) -> Float64Array:
-        noise_m = _kinect_noise_m(seen_m) if self.has_kinect_noise else self.noise * seen_m
+        # Kinect's: Nguyen, Izadi, Lovell: Modeling Kinect sensor noise for improved 3D
+        # reconstruction and tracking. 3DIMPVT 2012.
+        kinect_m = 0.0012 + 0.0019 * (seen_m - 0.4) ** 2
+        noise_m = kinect_m if self.has_kinect_noise else self.noise * seen_m
         seen_m = seen_m + noise_m * random.standard_normal(len(seen_m))
         is_wrong = random.random(len(seen_m)) < self.wrong
         ratio = random.uniform(*_WRONG_RATIO, len(seen_m))
         ratio = np.where(random.random(len(seen_m)) < _NEARER, 1 / ratio, ratio)
         return np.where(is_wrong, seen_m * ratio, seen_m)
-
-
-def _kinect_noise_m(depth_m: Float64Array) -> Float64Array:
-    """Standard deviation of a Kinect's depth.
-
-    Source: Nguyen, Izadi, Lovell: Modeling Kinect sensor noise for improved 3D reconstruction and
-    tracking. 3DIMPVT 2012.
-    """
-    return 0.0012 + 0.0019 * (depth_m - 0.4) ** 2
 
 
 def _uniform(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
@@ -126,18 +114,12 @@ def _camera(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generat
     rows = max(1, round(columns * height / width))
     x = ((np.arange(columns) + 0.5) * width / columns).astype(np.int64)
     y = ((np.arange(rows) + 0.5) * height / rows).astype(np.int64)
-    seen_m = depth_m[y[:, None], x]
-    is_hole = _beside_edge(seen_m) & (random.random(seen_m.shape) < _EDGE_HOLES)
+    seen_m, around = depth_m[y[:, None], x], np.ones((3, 3), np.uint8)
+    log_depth = np.log(np.where(seen_m > 0, seen_m, 1)).astype(np.float32)
+    jump = np.asarray(cv2.morphologyEx(log_depth, cv2.MORPH_GRADIENT, around))
+    is_hole = (jump > _EDGE) & (random.random(seen_m.shape) < _EDGE_HOLES)
     places = np.nonzero((seen_m > 0) & (seen_m < prompt.range_m) & ~is_hole)
     return y[places[0]], x[places[1]]
-
-
-def _beside_edge(depth_m: _Map) -> BoolArray:
-    """Whether a pixel is farther or nearer than one of the eight around it by a tenth: (H, W)."""
-    log_depth = np.log(np.where(depth_m > 0, depth_m, 1)).astype(np.float32)
-    around = np.ones((3, 3), np.uint8)
-    jump = np.asarray(cv2.dilate(log_depth, around)) - np.asarray(cv2.erode(log_depth, around))
-    return np.asarray(jump > _EDGE)
 
 
 def _corners(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:

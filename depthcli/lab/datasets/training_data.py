@@ -40,12 +40,12 @@ class TrainingData(NamedTuple):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Assumptions about its files, one line each, in the words of the settings."""
-        messages = []
-        for text in self.dataset.warnings:
-            message = text if isinstance(text, Message) else Message(text)
-            advice = message.advice.replace("{png_scale}", "data.units_per_metre")
-            messages.append(Message(message.problem, advice))
-        return tuple(messages)
+        texts = self.dataset.warnings
+        messages = (text if isinstance(text, Message) else Message(text) for text in texts)
+        return tuple(
+            Message(message.problem, message.advice.replace("{png_scale}", "data.units_per_metre"))
+            for message in messages
+        )
 
     @property
     def pseudo_labels_title(self) -> str:
@@ -72,15 +72,14 @@ def open_training_data(
     """Open a data set to train on.
 
     Args:
-        path: NYU Depth v2, as :func:`~depthcli.lab.datasets.nyu.open_nyu` takes it, of which only
-            the training part is used; another folder of
-            :data:`~depthcli.lab.datasets.base.LAYOUTS`; or a folder of ``rgb/`` and ``depth/`` with
-            other names than NYU's numbers, whose subfolders are the scenes if it has no index.csv.
-        paired: whether each image needs its depth. If not, and names or sizes in the two folders
-            differ, they are opened as unpaired.
-        split: of NYU Depth v2, whose training part is used. Of other data, ``official`` is what the
-            data itself names "train", and ``paper`` is all of it.
-        units_per_metre: value of one metre in the depth images of a folder of your own.
+        path: NYU Depth v2, as :func:`~depthcli.lab.datasets.nyu.open_nyu` takes it; another folder
+            of :data:`~depthcli.lab.datasets.base.LAYOUTS`; or a folder of your own pairs, whose
+            subfolders are the scenes if it has no index.csv.
+        paired: whether each image needs its depth. If not, ``rgb/`` and ``depth/`` may differ in
+            names and sizes.
+        split: whose training part is used. Of your own pairs, ``official`` is what an index.csv
+            calls "train", and ``paper`` is all of them.
+        units_per_metre: value of one metre in the depth images of your own.
         patterns: of the names of images and depth in it; None for a known layout.
     """
     path = nyu.located_nyu(path)

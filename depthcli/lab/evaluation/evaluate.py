@@ -17,9 +17,8 @@ from depthcli.core.arrays import Float64Array
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DatasetError, UsageError
-from depthcli.lab.datasets.base import DepthDataset, SplitName
+from depthcli.lab.datasets.base import DepthDataset
 from depthcli.lab.evaluation import report
-from depthcli.lab.evaluation.breakdown import breakdowns, distance_ranges, sums_by_distance
 from depthcli.lab.evaluation.predictors import (
     TRIVIAL_NAMES,
     ModelPredictor,
@@ -31,8 +30,8 @@ from depthcli.lab.evaluation.protocol import HEADLINE, EvalProtocol, compare_bou
 from depthcli.lab.evaluation.task import EvalTask, group_by_seed, train_mark, train_overlap
 from depthcli.lab.metrics.alignment import SUITABLE, align
 from depthcli.lab.metrics.boundary import BoundaryScores, mean_boundary_scores
-from depthcli.lab.metrics.depth import METRICS, PixelSums, Scores, mean_scores
-from depthcli.lab.options import Alignment, Averaging, Mask, Part
+from depthcli.lab.metrics.depth import METRICS, PixelSums, Scores, mean_of, mean_scores, values_of
+from depthcli.lab.options import Alignment, Averaging, Mask, Part, SplitName
 from depthcli.lab.training.provenance import TrainedRun
 
 _PAPER_ORDER = [row.name.removesuffix(" (paper)").lower() for row in report.PUBLISHED]
@@ -101,10 +100,7 @@ def evaluate(
     options: EvalOptions = HEADLINE_TABLE,
     progress: Progress = NO_PROGRESS,
 ) -> report.EvalReport:
-    """Make the table of trivial rows, predictors and published rows.
-
-    Training runs that differ only in their seed are one row.
-    """
+    """The table: trivial rows, predictors (seeds of a training run are one row), published rows."""
     lines = _lines(task, predictors, options)
     trivial = TRIVIAL_NAMES if options.trivial and task.split.train else ()
     if options.against is not None:
@@ -119,7 +115,7 @@ def evaluate(
         options.protocol,
         progress=progress,
         workers=options.workers,
-        ranges_m=distance_ranges(options.protocol) if Part.DISTANCE in options.parts else (),
+        ranges_m=report.distance_ranges(options.protocol) if Part.DISTANCE in options.parts else (),
     )
     if scored and not any(row.pixel_count for row in scored):
         low_m, high_m = options.protocol.min_m, options.protocol.max_m
@@ -133,7 +129,7 @@ def evaluate(
     if options.against is not None:
         by_name = {line.name: rows for line, rows in zip(lines, each, strict=True)}
         differences = differences_from(options.against, by_name, task.scenes)
-    broken_down = breakdowns(options.parts, scored, task.scenes, options.protocol)
+    broken_down = report.breakdowns(options.parts, scored, task.scenes, options.protocol)
     if not options.per_image:
         each = [[replace(row, images=()) for row in rows] for rows in each]
     rows: list[report.ReportRow] = []
@@ -205,22 +201,22 @@ def _mean_row(
     line: _Line, rows: Sequence[report.ReportRow], alignment: Alignment | None
 ) -> report.ReportRow:
     seeds = [row for row in rows if row.alignment is alignment]
-    values = np.array([row.scores.values for row in seeds])
-    std = Scores(tuple(map(float, values.std(0, ddof=1)))) if len(seeds) > 1 else None
+    scores = [row.scores for row in seeds]
+    std = values_of(scores).std(0, ddof=1).tolist() if len(seeds) > 1 else None
     first = seeds[0]
     return report.ReportRow(  # not all that is of the first seed is of the mean
         name=line.name,
         source=first.source,
         alignment=first.alignment,
         image_count=first.image_count,
-        scores=Scores(tuple(map(float, values.mean(0)))),
+        scores=mean_of(scores),
         empty_count=first.empty_count,
         stated=first.stated,
         pixel_count=first.pixel_count,
         note="; ".join(dict.fromkeys(row.note for row in seeds if row.note)),
         training=_training_of(line),
         seeds=tuple(seeds),
-        std=std,
+        std=None if std is None else dict(zip(METRICS, std, strict=True)),
     )
 
 
@@ -303,6 +299,11 @@ class _ImageSums(NamedTuple):
     outside: tuple[int, int]  #: pixels whose true depth is outside the range, and with true depth
     by_distance: tuple[PixelSums, ...]  #: of the pixels of each range of true depth
 
+    @property
+    def scores(self) -> Scores:
+        """Every score of the image."""
+        return self.sums.scores() | (self.boundary._asdict() if self.boundary else {})
+
 
 def _row_of(
     entry: Entry, alignment: Alignment, averaging: Averaging, scored: Mapping[str, _ImageSums]
@@ -310,21 +311,18 @@ def _row_of(
     predictor, images = entry.predictor, scored.values()
     model = predictor.pipeline.session.model if isinstance(predictor, ModelPredictor) else None
     boundaries = [image.boundary for image in images if image.boundary is not None]
+    boundary = mean_boundary_scores(boundaries)._asdict() if boundaries else {}
     image_count = sum(image.sums.pixel_count > 0 for image in images)
     row = report.ReportRow(
         name=predictor.name,
         source=predictor.source,
         alignment=alignment,
         image_count=image_count,
-        scores=mean_scores((image.sums for image in images), averaging),
+        scores=mean_scores((image.sums for image in images), averaging) | boundary,
         empty_count=len(images) - image_count,
         model_sha256=model.sha256 if model else None,
-        images=tuple(
-            report.ImageScores(name, image.sums.scores(), image.boundary)
-            for name, image in scored.items()
-        ),
+        images=tuple(report.ImageScores(name, image.scores) for name, image in scored.items()),
         by_distance=tuple(image.by_distance for image in images),
-        boundary=mean_boundary_scores(boundaries) if boundaries else None,
         train_overlap=entry.train_overlap,
         reversed_count=sum(image.is_reversed for image in images),
         stated=predictor.stated,
@@ -367,8 +365,8 @@ def score(
 ) -> tuple[report.ReportRow, ...]:
     """A row for each alignment of each entry, scored on the same images, each read at most once.
 
-    A worker processes a whole image; sums are added in the order of the images, so that results do
-    not depend on the number of workers. With 0 workers, the calling thread does the work.
+    Sums are added in the order of the images, so results do not depend on the number of workers.
+    With 0 workers, the calling thread does the work.
     """
     rows = [(entry, alignment) for entry in entries for alignment in entry.alignments]
     scored: list[dict[str, _ImageSums]] = [{} for _ in rows]
@@ -411,7 +409,7 @@ def _score_image(
                 predicted, true_m = pixels.prediction, pixels.truth
                 exact = predicted.astype(np.float64), true_m.astype(np.float64)
                 _, turned = align(*exact, Alignment.DEPTH)
-            sums, parts = PixelSums.of(pixels), sums_by_distance(pixels, ranges_m)
+            sums, parts = PixelSums.of(pixels), report.sums_by_distance(pixels, ranges_m)
             rows.append(_ImageSums(sums, boundary, turned, missing, outside, parts))
     return rows
 
@@ -421,8 +419,7 @@ def differences_from(
 ) -> tuple[report.Difference, ...]:
     """Paired differences between one row and every other of the same alignment.
 
-    ``groups`` has the rows of the seeds by name, with scores per image, which are averaged over the
-    seeds; ``scenes`` has the scene of each image id.
+    ``groups`` has the rows of each seed by name, with scores per image; ``scenes`` is by image.
     """
     differences = []
     for alignment in dict.fromkeys(row.alignment for row in groups[name]):
@@ -444,17 +441,12 @@ def differences_from(
 def _per_image(rows: Sequence[report.ReportRow], alignment: Alignment | None) -> Float64Array:
     """(N, metrics): the scores of each image, averaged over the seeds."""
     seeds = [row.images for row in rows if row.alignment is alignment]
-    values = [[[image.scores[name] for name in METRICS] for image in images] for images in seeds]
-    averaged: Float64Array = np.asarray(values, np.float64).mean(0)
-    return averaged
+    values = [values_of(image.scores for image in images) for images in seeds]
+    return np.asarray(np.mean(values, 0))
 
 
 def scene_interval(values: Float64Array, scenes: Sequence[str]) -> report.Interval:
-    """The mean over images, and its bootstrap interval with scenes resampled.
-
-    ``values`` (N,) has one value per image, or NaN, and ``scenes`` the scene of each. One scene
-    alone has no interval.
-    """
+    """The mean of a value (N,) per image, NaN for none, and its interval: scenes are resampled."""
     valid_mask = np.isfinite(values)
     _, scene = np.unique(np.asarray(scenes)[valid_mask], return_inverse=True)
     sums = np.bincount(scene, values[valid_mask])

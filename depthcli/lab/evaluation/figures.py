@@ -63,10 +63,9 @@ def draw_figures(
     predictors: Sequence[tuple[str, Predictor]],
     progress: Progress = NO_PROGRESS,
 ) -> tuple[Figure, Figure]:
-    """Draw a figure in gray and one in colour: input, a column per predictor, ground truth.
+    """Draw figures in gray and in colour: input, a column per (title, predictor), ground truth.
 
-    ``predictors`` are those of the columns, with their titles. Every row has the range of its
-    ground truth. Non-metric depth is aligned to it first.
+    Every row has the range of its ground truth, to which depth without metres is fitted first.
     """
     advance, rows = progress.begin("drawing images", len(positions)), []
     for position in positions:

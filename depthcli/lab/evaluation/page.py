@@ -2,9 +2,11 @@
 
 import base64
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import chain, groupby, repeat
 
 from depthcli.core.options import one_line
 from depthcli.io.depth.metadata import SOFTWARE
@@ -62,20 +64,19 @@ def report_page(report: EvalReport) -> Page:
 
 
 def _row_cells(row: ReportRow, report: EvalReport) -> list[str]:
-    scores = row.items(boundary=report.protocol.boundary)
     return [
         one_line(row.name) + ("*" if row.note else ""),
         row.alignment or "-",
         *(_training_cells(row.training) if report.has_training else ()),
         str(row.image_count),
         str(row.pixel_count or "-"),
-        *(_score_cell(metric, value, row) for metric, value in scores),
+        *(_score_cell(metric, row) for metric in report.columns),
     ]
 
 
-def _score_cell(metric: str, mean: float, row: ReportRow) -> str:
-    std = f"±{_number(metric, row.std[metric])}" if row.std and not math.isnan(mean) else ""
-    return f"{_number(metric, mean)}{std}"
+def _score_cell(metric: str, row: ReportRow) -> str:
+    cell = _number(metric, row.scores.get(metric, math.nan))
+    return f"{cell}±{_number(metric, row.std[metric])}" if row.std and cell != "-" else cell
 
 
 def _number(metric: str, value: float) -> str:
@@ -102,71 +103,56 @@ def _min_to_max(values: Sequence[int]) -> str:
 
 
 def _footnotes(report: EvalReport) -> list[str]:
-    metrics = report.columns
     upward = {name for name, metric in METRICS.items() if metric.higher_is_better}
-    higher = ", ".join(name for name in metrics if name in upward | HIGHER_IS_BETTER)
-    units: dict[str, list[str]] = {}
-    for name in metrics:
-        if name in METRICS and METRICS[name].unit:
-            units.setdefault(METRICS[name].unit, []).append(name)
+    higher = ", ".join(name for name in report.columns if name in upward | HIGHER_IS_BETTER)
+    units, depths = defaultdict[str, list[str]](list), defaultdict[str, list[str]](list)
+    for metric in METRICS.values():
+        units[metric.unit].append(metric.name)
+    units.pop("", None)
     in_units = "".join(f"; {' and '.join(names)} in {unit}" for unit, names in units.items())
-    marked = dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note)
-    depths: dict[str, list[str]] = {}
     for row in report.rows:
         if row.source is not Source.PUBLISHED:
-            depths.setdefault(row.stated, []).append(one_line(row.name))
+            depths[row.stated].append(one_line(row.name))
     kinds = (f"{depth} ({', '.join(dict.fromkeys(rows))})" for depth, rows in depths.items())
     empty = sorted({row.empty_count for row in report.rows} - {0})
     return [
         f"higher is better for {higher}, lower for the others{in_units}",
         *([f"predictions: {'; '.join(kinds)}"] if depths else []),
-        *marked,
+        *dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note),
         *report.notes,
         *(f"{count} images have no valid pixel and are excluded" for count in empty),
     ]
 
 
-def _differences(
-    differences: Sequence[Difference],
-) -> Iterator[tuple[str, list[list[str]]]]:
-    """Title and cells for each row that others are subtracted from, header first.
+def _differences(differences: Sequence[Difference]) -> Iterator[tuple[str, list[list[str]]]]:
+    """Title and cells of each comparison, header first: means and bounds of the intervals."""
+    for name, members in groupby(differences, lambda difference: difference.name):
+        group, lines = list(members), [["minus", "align", "", *METRICS]]
+        for difference in group:
+            intervals = difference.intervals
+            means = (_signed(i.mean, "!" if i.is_significant else " ") for i in intervals)
+            lines += [
+                [one_line(difference.other), difference.alignment or "-", "mean", *means],
+                ["", "", "low", *(_signed(i.low) for i in intervals)],
+                ["", "", "high", *(_signed(i.high) for i in intervals)],
+            ]
+        yield f"{one_line(name)} minus each row: mean{_interval(group[0].scene_count)}", lines
 
-    There are three lines for each difference: the mean and its interval's bounds.
-    """
-    for name in dict.fromkeys(difference.name for difference in differences):
-        group = [difference for difference in differences if difference.name == name]
-        yield _title(one_line(name), group[0].scene_count), _difference_cells(group)
 
-
-def _title(name: str, scenes: int) -> str:
+def _interval(scenes: int) -> str:
     if scenes == 1:
-        return f"{name} minus each row: mean; 1 scene: no interval"
+        return "; 1 scene: no interval"
     few = "; of so few, the intervals are too narrow" if scenes < _FEW_SCENES else ""
-    return f"{name} minus each row: mean and 95 % interval over {scenes} scenes; ! excludes 0{few}"
+    return f" and 95 % interval over {scenes} scenes; ! excludes 0{few}"
 
 
-def _difference_cells(differences: Sequence[Difference]) -> list[list[str]]:
-    lines = [["minus", "align", "", *METRICS]]
-    for difference in differences:
-        intervals = difference.intervals
-        row = (one_line(difference.other), difference.alignment or "-")
-        lines += [
-            [*row, "mean", *(_signed(i.mean, "!" if i.is_significant else " ") for i in intervals)],
-            ["", "", "low", *(_signed(i.low) for i in intervals)],
-            ["", "", "high", *(_signed(i.high) for i in intervals)],
-        ]
-    return lines
-
-
-def _parts(
-    breakdowns: Sequence[Breakdown],
-) -> Iterator[tuple[str, list[list[str]]]]:
+def _parts(breakdowns: Sequence[Breakdown]) -> Iterator[tuple[str, list[list[str]]]]:
     """Title and cells of each breakdown, header first."""
     for breakdown in breakdowns:
-        counted = "pixels" if breakdown.by is Part.DISTANCE else "images"
-        lines = [[str(breakdown.by), "row", counted, *METRICS]]
+        unit = "pixels" if breakdown.by is Part.DISTANCE else "images"
+        lines = [[str(breakdown.by), "row", unit, *METRICS]]
         for part in breakdown.scored:
-            scores = (_number(metric, value) for metric, value in part.scores.items())
+            scores = (_number(metric, part.scores[metric]) for metric in METRICS)
             lines.append([one_line(part.part), one_line(part.row), str(part.count), *scores])
         yield breakdown.title, lines
 
@@ -212,49 +198,44 @@ footer { color: #444; font-size: .8rem; overflow-wrap: anywhere; }"""
 
 def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
     """The content of the HTML file, with embedded figures."""
-    lines = [
-        "<!doctype html>",
-        '<html lang="en">',
-        '<head><meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{escape(page.title)}</title>",
-        f"<style>\n{_STYLE}\n</style></head>",
-        "<body>",
-        f"<h1>{escape(page.title)}</h1>",
-        f"<p>{escape(page.subtitle)}</p>",
-        *_table_lines(page.table),
-        *(
-            line
-            for title, table in page.sections
-            for line in (f"<p>{escape(title)}</p>", *_table_lines(table))
-        ),
-        "<ul>",
-        *(f"<li>{escape(note)}</li>" for note in page.notes),
-        "</ul>",
-        *(_figure(figure) for figure in figures),
-        f"<footer>{'<br>'.join(map(escape, (SOFTWARE, *page.models)))}</footer>",
-        "</body></html>",
-    ]
-    return "\n".join(lines) + "\n"
+    title = escape(page.title)
+    sections = (f"<p>{escape(name)}</p>\n{_html_table(table)}" for name, table in page.sections)
+    return "\n".join(
+        [
+            "<!doctype html>",
+            '<html lang="en">',
+            '<head><meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<title>{title}</title>",
+            f"<style>\n{_STYLE}\n</style></head>",
+            "<body>",
+            f"<h1>{title}</h1>",
+            f"<p>{escape(page.subtitle)}</p>",
+            _html_table(page.table),
+            *sections,
+            "<ul>",
+            *(f"<li>{escape(note)}</li>" for note in page.notes),
+            "</ul>",
+            *map(_html_figure, figures),
+            f"<footer>{'<br>'.join(map(escape, (SOFTWARE, *page.models)))}</footer>",
+            "</body></html>\n",
+        ]
+    )
 
 
-def _table_lines(table: Sequence[Sequence[str]]) -> list[str]:
-    header, *rows = table
-    return [
-        '<div class="scroll"><table>',
-        f"<thead><tr>{_tagged('th', header)}</tr></thead>",
-        "<tbody>",
-        *(f"<tr>{_tagged('td', row)}</tr>" for row in rows),
-        "</tbody></table></div>",
-    ]
+def _html_table(table: Sequence[Sequence[str]]) -> str:
+    head, *rows = (
+        "".join(f"<{tag}>{escape(text)}</{tag}>" for text in cells)
+        for tag, cells in zip(chain(["th"], repeat("td")), table, strict=False)
+    )
+    body = "".join(f"<tr>{row}</tr>\n" for row in rows)
+    return (
+        f'<div class="scroll"><table>\n<thead><tr>{head}</tr></thead>\n'
+        f"<tbody>\n{body}</tbody></table></div>"
+    )
 
 
-def _tagged(tag: str, texts: Sequence[str]) -> str:
-    return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in texts)
-
-
-def _figure(figure: Figure) -> str:
-    data = base64.b64encode(figure.png).decode("ascii")
-    caption = escape(figure.caption)
+def _html_figure(figure: Figure) -> str:
+    data, caption = base64.b64encode(figure.png).decode("ascii"), escape(figure.caption)
     image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
     return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"

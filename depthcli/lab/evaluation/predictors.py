@@ -97,7 +97,7 @@ def open_model(
 ) -> ModelPredictor:
     """Find a model and load it; with known depth, its depth is metric.
 
-    In place of the default one, it is that which takes known depth.
+    The default model gives way to the one that takes known depth.
     """
     session = loader.load()
     has_many = prompt and (prompt.size >= NETWORK_FROM or prompt.pattern is Pattern.LIDAR)
@@ -133,7 +133,7 @@ def open_predictions(
 ) -> FilePredictor:
     """Check that a folder has ``ID.npy``, or another of :data:`SUFFIXES`, for every image.
 
-    The name may also be the image's, with any of the folders that it is in, if no other has it.
+    In place of the id, a file may be named as the image, with the folders that make it unique.
     """
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder", "give one that holds ID.npy, .exr or .png")
@@ -221,10 +221,9 @@ def fit_trivial(
     progress: Progress = NO_PROGRESS,
     workers: int = 0,
 ) -> tuple[TrivialPredictor, ...]:
-    """Constant mean and per-pixel mean of the training depth, read once, in constant memory.
+    """Constant and per-pixel mean of the training depth between ``min_m`` and ``max_m``.
 
-    Only depth in the open interval (``min_m``, ``max_m``) is used; with 0 workers, pairs are read
-    in the calling thread.
+    Each pair is read once, in constant memory; with 0 workers, by the calling thread.
     """
     sums, counts = np.array([]), np.array([], np.int64)
     advance = progress.begin("mean of training images", len(train))

@@ -1,4 +1,4 @@
-"""The evaluation protocol: how predictions are compared with ground truth."""
+"""The evaluation protocol: how predictions and their edges are compared with ground truth."""
 
 from dataclasses import dataclass, field
 
@@ -90,10 +90,7 @@ class EvalProtocol:
         return f"{truth}, {frame} at {size}, {self.min_m:g} < g < {self.max_m:g} m, {average}"
 
     def truth(self, depth_m: Float32Array, raw_depth_m: Float32Array | None = None) -> Truth:
-        """Select the pixels of one image to evaluate.
-
-        Depth, and raw depth for the raw-valid mask, are (H, W) float32 metres, 0 for none.
-        """
+        """Select the pixels to evaluate, of depth and raw depth (H, W) in metres, 0 for none."""
         height, width = depth_m.shape
         if self.full_size_px is not None and (width, height) != self.full_size_px:
             message = f"the depth is {width}×{height}, not {_size_text(self.full_size_px)}"
@@ -141,7 +138,7 @@ def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
 def _resized(values: Float32Array, width: int, height: int, least: float) -> Float32Array:
     """Values at another size; infinite where most of the weight is that of infinite ones.
 
-    Elsewhere, infinite ones count as the largest finite one, and at least as ``least``.
+    Elsewhere, these count as the largest finite value, and at least as ``least``.
     """
     infinite = np.isposinf(values)
     if not infinite.any():

@@ -17,7 +17,7 @@ from depthcli.lab.evaluation.report import (
     ImageScores,
     ReportRow,
     Source,
-    mean_of,
+    mean_of_images,
 )
 from depthcli.lab.metrics.depth import METRICS, Metric, Scores
 from depthcli.lab.options import Alignment, Averaging
@@ -68,9 +68,9 @@ def _row(row: Mapping[str, Any]) -> ReportRow:
 
 
 def _scores(values: Mapping[str, Any]) -> Scores:
-    return Scores.of(
-        **{name: math.nan if value is None else value for name, value in values.items()}
-    )
+    """Those of metrics alone, so without the id of an image and boundary scores."""
+    scores = ((name, values.get(name)) for name in METRICS)
+    return {name: math.nan if value is None else value for name, value in scores}
 
 
 def compare_reports(first: Path, second: Path) -> EvalReport:
@@ -127,7 +127,7 @@ def _part_of(row: ReportRow, shared: set[str]) -> ReportRow:
         return replace(row, images=tuple(images))
     part = replace(row, images=tuple(images), image_count=len(images), pixel_count=0)
     overlap = 0 if row.train_overlap == 0 else None  # of some of the images, it is not known
-    return replace(part, scores=mean_of(images), train_overlap=overlap)
+    return replace(part, scores=mean_of_images(images), train_overlap=overlap)
 
 
 def _differences(

@@ -1,4 +1,4 @@
-"""The images to evaluate on, and which of them a model was trained on."""
+"""The images to evaluate on, runs by seed, and which images a model was trained on."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -13,6 +13,7 @@ from depthcli.lab.datasets import base
 from depthcli.lab.datasets.training_data import own_pairs_title
 from depthcli.lab.evaluation.predictors import Sample
 from depthcli.lab.evaluation.protocol import FULL_SIZE_PX
+from depthcli.lab.options import SplitName
 from depthcli.lab.training.provenance import TrainedRun, common_ids
 from depthcli.models.card import ModelCard
 
@@ -34,7 +35,7 @@ class EvalTask:
     @property
     def is_nyu(self) -> bool:
         """Whether the pairs are those of NYU Depth v2, to which published rows and cards refer."""
-        return self.split.name in tuple(base.SplitName)
+        return self.split.name in tuple(SplitName)
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -62,9 +63,7 @@ class EvalTask:
         return replace(self, test=tuple(self.test[i] for i in chosen))
 
 
-def plan_nyu(
-    dataset: base.DepthDataset, split: base.SplitName, limit: int | None = None
-) -> EvalTask:
+def plan_nyu(dataset: base.DepthDataset, split: SplitName, limit: int | None = None) -> EvalTask:
     """The test images of a split, or at most ``limit`` of them, evenly over it."""
     divided = base.split_nyu(dataset, split)
     if not divided.test:
@@ -83,16 +82,15 @@ def plan_pairs(dataset: base.DepthDataset, title: str, limit: int | None = None)
 def plan_runs(
     dataset: base.DepthDataset,
     runs: Sequence[TrainedRun],
-    split: base.SplitName = base.SplitName.VAL,
+    split: SplitName = SplitName.VAL,
     limit: int | None = None,
     title: str = base.NYU,
 ) -> EvalTask:
     """Choose images that no run was trained on, at most ``limit``, evenly over the split.
 
-    ``val`` is the pairs that the runs held out, of NYU Depth v2 or, with another title, of a folder
-    of one's own.
+    ``val`` is what the runs held out, also of a folder of your own (any other ``title``).
     """
-    is_held_out = split is base.SplitName.VAL
+    is_held_out = split is SplitName.VAL
     whole = _held_out(dataset, runs, title) if is_held_out else plan_nyu(dataset, split)
     task = whole.subsampled(limit)
     for run in runs:
@@ -120,15 +118,12 @@ def _held_out(dataset: base.DepthDataset, runs: Sequence[TrainedRun], title: str
         raise DatasetError(message, "give the data set that they were trained on")
     train = tuple(places[i] for i in train_ids)
     test = tuple(places[i] for i in held_out_ids)
-    name = base.SplitName.VAL if title == base.NYU else base.HELD_OUT
+    name = SplitName.VAL if title == base.NYU else base.HELD_OUT
     return EvalTask(dataset, base.Split(name, train, test, len(train), len(test)), test, title)
 
 
 def group_by_seed(runs: Iterable[TrainedRun]) -> dict[str, tuple[TrainedRun, ...]]:
-    """Runs that differ only in their seed, by their common name.
-
-    ``cut-seed0`` and ``cut-seed1`` are seeds of ``cut``.
-    """
+    """Runs that differ only in their seed, by their common name: ``cut`` of ``cut-seed0``."""
     groups: dict[str, list[TrainedRun]] = {}
     for run in runs:
         groups.setdefault(_SEED.sub("", run.name), []).append(run)
@@ -172,15 +167,15 @@ def train_mark(name: str, card: ModelCard, task: EvalTask, overlap: int | None) 
 
 
 def trained_numbers(card: ModelCard, dataset: base.DepthDataset) -> frozenset[int] | None:
-    """Numbers of the pairs that a model was trained on, or whose scenes it was trained on.
+    """Numbers of the pairs that a model, or a run on the split of its card, was trained on.
 
-    None if its card does not state them; the data set has the training pairs of a split.
+    None if the card does not state them.
     """
     ranges, split = card.training.get(base.TRAIN_IDS), card.training.get(TRAIN_SPLIT)
     try:
         if isinstance(ranges, str):
             return base.parse(ranges)
-        positions = base.split_nyu(dataset, base.SplitName(str(split))).train
+        positions = base.split_nyu(dataset, SplitName(str(split))).train
     except (DatasetError, ValueError):
         return None  # ``training`` in a card is free-form
     return frozenset(int(dataset.ids[i]) for i in positions)

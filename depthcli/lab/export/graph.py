@@ -47,9 +47,9 @@ def build_graph(generator: nn.Module, *, opset: int = OPSET) -> onnx.ModelProto:
 
 
 def prompts_for(network: nn.Module, images: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Known depth and its mask for images (B, C, H, W), of a network that takes them; else none.
+    """Known depth and its mask for images (B, C, H, W), if the network takes them; else nothing.
 
-    Of the first of several images, nothing is known.
+    The first of several images has no known depth.
     """
     if not isinstance(network, PromptedGenerator):
         return ()
@@ -136,9 +136,9 @@ def check_parity(
     tolerance: float = TOLERANCE,
     images: Sequence[Float32Array] = (),
 ) -> Parity:
-    """Compare torch with onnxruntime on noise and on smooth images, (batch, height, width).
+    """Compare torch with onnxruntime on noise and smooth images of cases (batch, height, width).
 
-    Given images, (B, C, H, W), are used instead for int8, which is accurate for real ones only.
+    Or on images (B, C, H, W), which int8 needs: it is accurate for real ones only.
     """
     session = ort.InferenceSession(model, providers=["CPUExecutionProvider"])
     names = [entry.name for entry in session.get_inputs()]

@@ -39,11 +39,11 @@ def quantize(
     """Quantize weights (per channel) and activations to int8, in QDQ format.
 
     Weights use 7 bits: CPUs with AVX2 but without VNNI accumulate in 16 bits, which 8-bit weights
-    could overflow. Biases are corrected for what rounding the weights adds on average (Nagel et al.
-    2019, Data-free quantization through weight equalization and bias correction). The batches,
-    network inputs (1, C, H, W), calibrate the range of activations.
-    What is computed with known depth is not rounded, but for features; neither is the output, as
-    256 levels would be steps of 1 % of depth, nor what is next to the input, where int8 is not
+    could overflow. Biases are corrected for the rounding of weights (Nagel et al. 2019, Data-free
+    quantization through weight equalization and bias correction). The batches, network inputs
+    (1, C, H, W), calibrate the range of activations.
+    Three parts stay floats: what is computed with known depth, but for features; the output, as
+    256 levels would be steps of 1 % of depth; and what is next to the input, where int8 is not
     faster and costs most.
     """
     names = [entry.name for entry in model.graph.input]
@@ -77,10 +77,9 @@ def quantize(
 
 
 def _simplified(model: onnx.ModelProto) -> onnx.ModelProto:
-    """An int8 model without operators that add nothing to its output.
+    """An int8 model without operators that change nothing.
 
-    A shape is that of the rounded tensor, and rounding clips to the range that was seen, which is
-    that of clipping or less.
+    They take the shape of a rounded tensor, or clip to a wider range than rounding does.
     """
     graph = model.graph
     producers = {node.output[0]: node for node in graph.node if node.output}
@@ -174,11 +173,11 @@ def _set(tensor: onnx.TensorProto, values: Float32Array) -> None:
 
 
 def equalize(model: onnx.ModelProto, feeds: Sequence[_Feed]) -> None:
-    """Scale channels to an equal range, where following weights can take the scale back.
+    """Scale channels to an equal range, where the weights that follow can take the scale back.
 
-    That is after a convolution and ReLU, if only dense convolutions read them, also enlarged and
-    before the other channels of a concatenation. Those of an encoder are ten times as large as
-    those of a decoder, for which their common scale would have few levels.
+    That is after a convolution and ReLU, if only dense convolutions read the channels, also
+    enlarged or as the first of a concatenation. An encoder's are ten times as large as a decoder's:
+    with a common scale, those would have few levels.
     """
     stored = _stored(model)
     producers = {name: node for node in model.graph.node for name in node.output}
@@ -233,10 +232,7 @@ def _convolutions_after(
 def correct_biases(
     model: onnx.ModelProto, feeds: Sequence[_Feed], exact: Collection[str] = ()
 ) -> None:
-    """Take off biases the mean of what rounding the weights to 7 bits adds.
-
-    Weights of the nodes named ``exact`` are not rounded.
-    """
+    """Subtract from biases what rounding weights to 7 bits adds on average, but for exact nodes."""
     stored = _stored(model)
     convs = [
         node
@@ -285,7 +281,7 @@ def _reduced(
 
 
 def _transpose(model: onnx.ModelProto, exact: Collection[str]) -> None:
-    """Make transposed ones of exact convolutions to one channel, which give the same.
+    """Turn exact convolutions to one channel into transposed ones, which give the same.
 
     onnxruntime pads the output of a convolution to 16 channels, but not of a transposed one.
     """

@@ -48,11 +48,9 @@ def run_bench(
     workers: int | None = None,
     warn: Callable[[str], object] = lambda _text: None,
 ) -> BenchResult:
-    """Measure a model on this machine, for some seconds each.
+    """Measure a model for some seconds each, on a file or a synthetic image of (width, height) px.
 
-    The image is a given file, or a synthetic one of a width and height; ``workers`` images are
-    processed in parallel for the throughput, by default one per core; ``warn`` is called with the
-    session's warnings.
+    ``workers`` images are processed in parallel for the throughput, by default one per core.
     """
     image = synthetic_image(*synthetic_px) if path is None else read_bytes(path)
     frame = read_image(path, image, name="the image")  # an error names the file

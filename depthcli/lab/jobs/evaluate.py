@@ -1,4 +1,4 @@
-"""Evaluating models, predictions of other tools and training runs on a data set."""
+"""Evaluating models, files of other tools and training runs on a data set; files of the report."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from depthcli.io.depth.read import AS_STATED, DepthReadOptions
 from depthcli.io.formats.table import MILLIMETRES
 from depthcli.io.storage.atomic import atomic_path, is_special, write_text
 from depthcli.io.storage.temporary import temporary_folder
-from depthcli.lab.datasets.base import NYU, SplitName
+from depthcli.lab.datasets.base import NYU
 from depthcli.lab.datasets.nyu import is_nyu, open_nyu
 from depthcli.lab.datasets.prompts import Prompt
 from depthcli.lab.datasets.training_data import open_pairs
@@ -31,7 +31,7 @@ from depthcli.lab.evaluation.report import EvalReport
 from depthcli.lab.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
 from depthcli.lab.jobs.latency import measure_latencies, network_run
 from depthcli.lab.metrics.pixels import MAX_DEPTH_M
-from depthcli.lab.options import Mask, Weights
+from depthcli.lab.options import Mask, SplitName, Weights
 from depthcli.lab.training.provenance import TrainedRun, data_set
 
 _OWN_CSV, _OWN_HTML = b"name,source,align,", b"<footer>depthcli "

@@ -1,4 +1,4 @@
-"""Measuring latency, of one action or of several models in turn."""
+"""Measuring latency, of one action or of several in turn, such as networks."""
 
 import statistics
 import time
@@ -26,8 +26,8 @@ class Latency:
 def measure_latencies(actions: Sequence[Callable[[], object]], seconds: float) -> list[Latency]:
     """Repeat each action for a number of seconds, and at least five times.
 
-    They take turns, so that other load on the machine affects all of them alike. The first run of a
-    turn is not counted: threads of the previous action may still be spinning.
+    They take turns, so that other load affects all alike. The first run of a turn does not count,
+    as threads of the previous action may still be spinning.
     """
     times_ms: list[list[float]] = [[] for _ in actions]
     for turn in range(1, _ROUNDS + 1):

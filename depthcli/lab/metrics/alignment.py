@@ -28,11 +28,10 @@ def align(
     alignment: Alignment,
     kind: DepthKind = DepthKind.METRIC,
 ) -> tuple[Float64Array, bool]:
-    """Depth in metres after the fit of a prediction of some kind to metres > 0; (N,) float64.
+    """Fit a prediction (N,) of some kind to metres > 0; and whether the fit exchanges near and far.
 
-    And whether a fit by least squares exchanges near and far. Pixels that are not finite are not
-    fitted. The result is not clamped: NaN where there was no prediction, infinity where the fitted
-    disparity is not positive. A prediction without a usable pixel is returned unchanged.
+    The depth is float64 metres, not clamped: NaN where there was no prediction, infinity where the
+    fitted disparity is not positive. A prediction without a usable pixel is returned unchanged.
     """
     if alignment not in SUITABLE[kind]:
         raise ValueError(f"{kind} depth cannot be aligned by {alignment}")

@@ -9,8 +9,8 @@ Than a Second", ICLR 2025 (boundary F1); Canny, "A Computational Approach to Edg
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass, fields
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -31,8 +31,7 @@ _WEAK_STEP = _STRONG_STEP / 2
 _GRADIENT_SCALE = 8192.0
 
 
-@dataclass(frozen=True, slots=True)
-class BoundaryScores:
+class BoundaryScores(NamedTuple):
     """Scores of one image, or their mean over images; NaN where the truth has no edge."""
 
     #: mean distance in pixels of the predicted edges within 10 px of a true one to that one; lower
@@ -45,19 +44,13 @@ class BoundaryScores:
     #: 1]; higher is better
     edge_f1: float
 
-    def items(self) -> Iterator[tuple[str, float]]:
-        """(name, value) of every score."""
-        return zip(BOUNDARY_NAMES, astuple(self), strict=True)
 
-
-BOUNDARY_NAMES = tuple(field.name for field in fields(BoundaryScores))
 HIGHER_IS_BETTER = frozenset({"edge_f1"})
-NO_BOUNDARY = BoundaryScores(math.nan, math.nan, math.nan)
 
 
 def mean_boundary_scores(images: Sequence[BoundaryScores]) -> BoundaryScores:
     """Mean of each score over the images that have it; NaN for a score that none has."""
-    columns = ([getattr(image, name) for image in images] for name in BOUNDARY_NAMES)
+    columns = zip(*images, strict=True)
     finite = ([value for value in column if not math.isnan(value)] for column in columns)
     return BoundaryScores(*(math.fsum(c) / len(c) if c else math.nan for c in finite))
 
@@ -67,8 +60,8 @@ def boundary_scores(
 ) -> BoundaryScores:
     """Compare the edges of one image, (H, W) metres > 0 where ``valid``; others do not count.
 
-    The two distances are NaN if the truth has no edge, and 10 px if the prediction has none near
-    one of the truth. The F1 is NaN if the truth has no step of 5 %.
+    Both distances are NaN if the truth has no edge, and 10 px if no predicted one is near; the F1
+    is NaN if the truth has no step of 5 %.
     """
     truth, predicted = _log(truth_m, valid), _log(predicted_m, valid)
     distances = _distances(_edges(truth, valid), _edges(predicted, valid))

@@ -10,11 +10,10 @@ Deep Network", NeurIPS 2014, and the KITTI depth benchmark for ``silog``.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from itertools import chain, repeat
-from typing import Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import cv2
 import numpy as np
@@ -34,6 +33,7 @@ def _product(left: Float64Array, right: Float64Array) -> float:
 
 
 Sums: TypeAlias = Callable[[DepthPixels], tuple[float, ...]]
+Scores: TypeAlias = dict[str, float]  #: values by the names of metrics
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,10 +129,10 @@ def silog(pixels: DepthPixels) -> tuple[float, ...]:
 
 
 def add_metric(name: str, function: Callable[[Float64Array, Float64Array], float]) -> None:
-    """Enter a function of true and predicted metres, (N,) float64 of the pixels of an image each.
+    """Enter a function of true and predicted metres, (N,) float64, of the pixels of one image.
 
-    Its attributes ``higher_is_better`` and ``unit`` describe it. Over the pixels of several images,
-    the mean of its values is weighted by their numbers of pixels.
+    Its attributes ``higher_is_better`` and ``unit`` describe it. Pooled, images weigh by their
+    pixels.
     """
     if name in METRICS and not METRICS[name].is_whole:
         raise UsageError(f"there is a metric {name}", "rename the function", option="metric")
@@ -145,28 +145,18 @@ def add_metric(name: str, function: Callable[[Float64Array, Float64Array], float
     METRICS[name] = Metric(name, sums, float, higher, unit, is_whole=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Scores:
-    """One value for every metric of :data:`METRICS`, in its order; NaN for one added later."""
-
-    values: tuple[float, ...]
-
-    @classmethod
-    def of(cls, **named: float) -> Self:
-        """Scores by name; NaN for every metric that is not named."""
-        return cls(tuple(named.get(name, math.nan) for name in METRICS))
-
-    def __getitem__(self, name: str) -> float:
-        return dict(self.items())[name]
-
-    def items(self) -> Iterator[tuple[str, float]]:
-        """(name, value) of every metric."""
-        return zip(METRICS, chain(self.values, repeat(math.nan)), strict=False)
+def in_full(scores: Mapping[str, float]) -> Scores:
+    """Scores of every metric, in the order of the table, then others; NaN for those missing."""
+    return dict.fromkeys(METRICS, math.nan) | dict(scores)
 
 
-def finite_or_none(scores: Iterable[tuple[str, float]]) -> dict[str, float | None]:
-    """Scores by name for JSON; those that are not finite are None."""
-    return {name: value if math.isfinite(value) else None for name, value in scores}
+def finite_or_none(value: Any) -> Any:  # noqa: ANN401 - what JSON can hold
+    """A value for JSON, in which numbers that are not finite are None."""
+    if isinstance(value, dict):
+        return {name: finite_or_none(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite_or_none(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,26 +183,32 @@ class PixelSums:
     def scores(self) -> Scores:
         """Every metric over these pixels; NaN if there are none."""
         if not self.pixel_count:
-            return Scores.of()
+            return in_full({})
         metrics = zip(METRICS.values(), self.sums, strict=True)
-        return Scores(tuple(m.finish(*(s / self.pixel_count for s in sums)) for m, sums in metrics))
+        return {m.name: m.finish(*(s / self.pixel_count for s in sums)) for m, sums in metrics}
 
 
 def mean_scores(images: Iterable[PixelSums], averaging: Averaging = Averaging.IMAGE) -> Scores:
     """Average over the images with a valid pixel; NaN for every metric if none has one.
 
     >>> import numpy as np
-    >>> from depthcli.lab.metrics.pixels import DepthPixels
     >>> truth = np.array([1.0, 2.0, 4.0])
     >>> round(mean_scores([PixelSums.of(DepthPixels.of(truth, truth * 1.1))])["abs_rel"], 6)
     0.1
     """
-    images_with_pixels = [sums for sums in images if sums.pixel_count]
-    if not images_with_pixels:
-        return Scores.of()
-    if averaging is Averaging.POOLED:
-        return reduce(PixelSums.__add__, images_with_pixels).scores()
-    total = (0.0,) * len(METRICS)
-    for sums in images_with_pixels:  # sum() rounds otherwise from Python 3.12 on
-        total = tuple(a + b for a, b in zip(total, sums.scores().values, strict=True))
-    return Scores(tuple(value / len(images_with_pixels) for value in total))
+    scored = [sums for sums in images if sums.pixel_count]
+    if averaging is Averaging.POOLED and scored:
+        return reduce(PixelSums.__add__, scored).scores()
+    return mean_of([sums.scores() for sums in scored])
+
+
+def mean_of(scores: Sequence[Scores]) -> Scores:
+    """Mean of every metric; NaN if there are no scores."""
+    if not scores:
+        return in_full({})
+    return dict(zip(METRICS, map(float, values_of(scores).mean(0)), strict=True))
+
+
+def values_of(scores: Iterable[Scores]) -> Float64Array:
+    """(N, metrics) float64 of N scores, in the order of the table."""
+    return np.array([[in_full(each)[name] for name in METRICS] for each in scores], np.float64)

@@ -19,11 +19,7 @@ _ARRAYS = 6
 
 @dataclass(frozen=True)  # without slots: cached properties are stored in the instance
 class DepthPixels:
-    """The valid pixels of a comparison.
-
-    They are converted to float64 when a property is used, which is fast for a part of an image and
-    slow for a whole one.
-    """
+    """The valid pixels of a comparison, which properties convert to float64."""
 
     truth: FloatArray  #: (N,) floats, metres, inside the range
     prediction: FloatArray  #: (N,) floats, metres, any value
@@ -43,10 +39,7 @@ class DepthPixels:
         min_m: float = MIN_DEPTH_M,
         max_m: float = MAX_DEPTH_M,
     ) -> Self:
-        """Keep the pixels whose truth is strictly inside (min_m, max_m), and clamp the prediction.
-
-        Both are metres of one shape; NaN in the prediction counts as ``min_m``.
-        """
+        """Pixels with truth strictly inside (min_m, max_m); both are metres of one shape."""
         if truth_m.shape != predicted_m.shape:
             raise ValueError(f"truth is {truth_m.shape} but prediction is {predicted_m.shape}")
         valid = (truth_m > min_m) & (truth_m < max_m)

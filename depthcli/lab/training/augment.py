@@ -24,9 +24,8 @@ def cutmix(
 ) -> list[Tensor | None]:
     """Paste a rectangle of each view's neighbour in the batch into a share of the views.
 
-    A pasted rectangle keeps its depth but not its surroundings, so that the network cannot infer
-    depth from these (CutMix, Yun et al. 2019; here labels are mixed per pixel, not by area). The
-    maps are (B, C, H, W), of the same views, or None.
+    It keeps its depth but not its surroundings, so the network cannot infer depth from these
+    (CutMix, Yun et al. 2019, but labels are mixed per pixel). The maps are (B, C, H, W) or None.
     """
     sources = [values for values in maps if values is not None]
     count, _, height, width = sources[0].shape
@@ -83,8 +82,8 @@ def draw_views(
 ) -> Geometry:
     """Sample views of ``size`` (width, height) px from images stretched to the network's input.
 
-    ``tan_half_fov`` (``count``, 2) float64 is the tangent of half the angle of view of each
-    image, across and down; None is NYU's angle across, and square pixels of the input.
+    ``tan_half_fov`` (``count``, 2) float64 is the tangent of half of each image's angle of view,
+    across and down; None is NYU's across, and square pixels of the input.
     """
     if tan_half_fov is None:
         down = _HALF_WIDTH * data.height / data.width
@@ -144,8 +143,8 @@ def _sampling_grid(view: Tensor, width: int, height: int) -> Tensor:
 def _rotate_camera(grid: Tensor, shift: Tensor, halves: Tensor) -> tuple[Tensor, Tensor]:
     """Replace a shift (B, 2) by a camera rotation; the new grid, and z of each ray (B, H, W).
 
-    The rotation is the smallest that takes the optical axis to the centre of the view. ``halves``
-    (B, 2) is half the width and height of the images at depth 1.
+    It is the smallest that takes the optical axis to the centre of the view. ``halves`` (B, 2) is
+    half the width and height of the images at depth 1.
     """
     axis = torch.cat([shift * halves, torch.ones(len(shift), 1)], 1)
     halves = halves[:, None, None]
@@ -182,8 +181,7 @@ def augment(
 ) -> Views:
     """Random views of pairs: RGB (B, 3, h, w) in [0, 1], metres and mask (B, 1, h, w), aligned.
 
-    The views' ``size`` (width, height) px is sampled if it is None; ``tan_half_fov`` is as
-    :func:`draw_views` takes it.
+    A missing ``size`` is drawn; ``tan_half_fov`` is as :func:`draw_views` takes it.
     """
     size = view_size(data, random) if size is None else size
     geometry = draw_views(len(rgb), size, data, random, tan_half_fov)

@@ -1,4 +1,4 @@
-"""Callbacks of a run: metrics log, validation, sample images."""
+"""The interface of callbacks, and what each run does: metrics log, validation, sample images."""
 
 import json
 import math
@@ -33,10 +33,7 @@ class Callback:
     """Called during training. The base class does nothing."""
 
     def on_train_start(self, warnings: tuple[str, ...]) -> None:
-        """Called before the first step, also of a resumed run, with doubts about data and scores.
-
-        They are one line each.
-        """
+        """Called before the first step of a session with doubts about the run, one line each."""
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Called after each step; ``steps`` is their total number."""
@@ -55,7 +52,7 @@ def append_log(path: Path, state: TrainState, losses: dict[str, float]) -> None:
         "step": state.step,
         "seconds": round(state.seconds, 1),
         "losses": losses,
-        "scores": finite_or_none(state.scores.items()),
+        "scores": finite_or_none(state.scores),
     }
     with path.open("ab", buffering=0) as file:
         append_whole(file, json.dumps(line).encode() + b"\n")
@@ -121,10 +118,9 @@ class Validation:
         return raw
 
     def score(self, generator: nn.Module, device: torch.device) -> Scores:
-        """Mean over the pairs of every metric, at the truth's size, to 10 m or ``output.max_m``.
+        """Mean of every metric over the pairs, at the truth's size, to 10 m or ``output.max_m``.
 
-        By the headline protocol of the evaluation; depth that is scaled to one camera is compared
-        in true metres.
+        By the headline protocol of the evaluation, in true metres also of other cameras.
         """
         sums, codec = list[PixelSums](), self.config.output.codec
         farthest_m = max(MAX_DEPTH_M, self.config.output.max_m)
@@ -144,10 +140,7 @@ class Validation:
 def write_samples(
     folder: Path, epoch: int, validation: Validation, generator: nn.Module, fabric: Fabric
 ) -> None:
-    """Write ``samples/epoch-NNNN.jpg``: input, output and truth of up to 6 held-out pairs.
-
-    Colours are those of the truth's range.
-    """
+    """Write ``samples/epoch-NNNN.jpg``: input, output and truth, in its range, of up to 6 pairs."""
     rows = np.linspace(0, len(validation) - 1, min(_SAMPLES, len(validation))).astype(int).tolist()
     inputs = validation.inputs(rows).expand(-1, 3, -1, -1).permute(0, 2, 3, 1).numpy()
     images = ((inputs + 1) * 127.5).astype(np.uint8)

@@ -182,11 +182,10 @@ class DataConfig:
 
 
 def _weighs(loss: str = "") -> dict[str, str]:
-    """Field metadata that marks the weight of a loss term.
+    """Field metadata of the weight of a loss term.
 
-    ``loss`` names a function of :mod:`depthcli.lab.training.losses` for terms that only compare a
-    depth map with its ground truth: of prediction, truth (B, 1, H, W) and a mask, None for all
-    pixels.
+    ``loss`` names the function of :mod:`depthcli.lab.training.losses` for a term that only compares
+    prediction and truth (B, 1, H, W), where a mask is valid, or everywhere (None).
     """
     return {_TERM: loss}
 

@@ -1,4 +1,4 @@
-"""Batches of network inputs and metric depth, from pairs in memory.
+"""Pairs in memory, downsampled, and the batches of network inputs and metric depth from them.
 
 A batch depends on (seed, step) only, so a resumed run gets the same ones as an unbroken one.
 """
@@ -29,11 +29,11 @@ _LEAST_SHARE = 0.5 - 1e-5
 def downsample(
     depth_m: npt.NDArray[np.float32], size: tuple[int, int]
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_] | None] | None:
-    """Downsample depth to a width and height by the mean of what was measured in each new pixel.
+    """Downsample depth to a width and height; the mean of what was measured in each new pixel.
 
-    Of (H, W) float32 metres with 0, NaN or infinity in holes, it is (h, w) metres, in a hole those
-    of the nearest valid pixel, and the mask of valid pixels, of whose area at least half was
-    measured, or None if all are; None if no pixel is.
+    Depth is (H, W) float32 metres, with 0, NaN or infinity in holes. A new pixel is valid if half
+    of its area was measured; the others get the depth of the nearest valid one. Returns metres and
+    mask (h, w), without a mask if all pixels are valid, and None if no pixel is.
     """
     valid_mask = np.isfinite(depth_m) & (depth_m > 0)
     if valid_mask.all():
@@ -54,9 +54,8 @@ def _area(values: npt.NDArray[np.float32], size: tuple[int, int]) -> npt.NDArray
 def tan_half_fov(dataset: DepthDataset, i: int, shape: tuple[int, ...]) -> tuple[float, float]:
     """Tangents of half the angles of view of image ``i``, across and down, for square pixels.
 
-    If its camera is not known, it is taken for the largest crop of one of NYU's images, in
-    landscape or portrait, as predictions do (docs/cameras.md). ``shape`` begins with the height and
-    width of the image, or of its depth.
+    An unknown camera is that of the largest crop of one of NYU's images, in landscape or portrait,
+    as in predictions (docs/cameras.md). ``shape`` begins with height and width, of image or depth.
     """
     height, width = shape[:2]
     long_px = max(width, height, NYU_ASPECT * min(width, height))
@@ -176,9 +175,9 @@ class TrainingBatch(NamedTuple):
 class Batches:
     """The batches of a run, by step, augmented on its device.
 
-    Of each batch, ``data.pseudo_label_share`` are pseudo labels, if there are any. An epoch is a
-    pass through ``store``, whose last incomplete batch is dropped. Of each view, known
-    depth is drawn as ``prompts`` says, if it is given.
+    An epoch is a pass through ``store`` without an incomplete last batch. Of each batch,
+    ``data.pseudo_label_share`` are pseudo labels, if there are any; ``prompts`` says which depth is
+    known of each view, if any is.
     """
 
     def __init__(

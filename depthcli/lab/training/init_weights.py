@@ -39,10 +39,7 @@ def weights_file(source: Path) -> Path:
 
 
 def settings_of(source: Path) -> dict[str, Any]:
-    """Fields of a configuration that a network with the layers of another shares with it.
-
-    Those of an exported model are there as far as its card states them.
-    """
+    """Settings that a network with the layers of another shares with it; a card may lack some."""
     path = weights_file(source)
     if _is_encoder_file(path):
         raise CheckpointError(f"{path} has weights of an encoder, not of a whole network")
@@ -67,11 +64,9 @@ def load_init_weights(
     """Load the weights of a file, or the mean of those of several, into a generator.
 
     The mean of networks fine-tuned from the same one is often better than each of them (Wortsman
-    et al. 2022, "Model soups").
-
-    For an exported model, the generator has no batch norm, which is folded into its weights. A file
-    of a pretrained encoder, or :data:`HUB`, is loaded into that of the generator. Returns the
-    provenance with the origin of the weights and, as far as known, the pairs they were trained on.
+    et al. 2022, "Model soups"). An exported model needs a generator without batch norm, which is
+    folded into its weights; a pretrained encoder (a file, or :data:`HUB`) goes into that of the
+    generator. Returns the provenance with the origin of the weights and the pairs they have seen.
     """
     origin = _origin(paths)
     if isinstance(generator, EncoderGenerator) and _is_encoder_file(paths[0]):

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeAlias
@@ -48,46 +49,49 @@ class DataProvenance:
 
 
 def provenance_of(config: TrainConfig, data: TrainingData) -> DataProvenance:
-    """Provenance of a run with random initial weights."""
+    """Provenance of a run with random initial weights; no pair that it holds out has a label."""
     train_rows, held_out = train_val_split(data.dataset, config.data)
     labels = data.pseudo_labels
-    return DataProvenance(
+    origin = DataProvenance(
         data=data.title,
         train_ids=tuple(data.dataset.ids[i] for i in train_rows),
         held_out_ids=tuple(data.dataset.ids[i] for i in held_out),
         hfov_deg=data.hfov_deg,
         aspect=data.aspect,
         fingerprint=base.data_fingerprint(data.dataset),
+    )
+    if labels is None:
+        return origin
+    label_ids = _under_names(training_data.own_pairs_title(labels.root), labels.ids)
+    common = common_ids(data.title, origin.held_out_ids, label_ids)
+    if common:
+        raise DatasetError(
+            f"the pseudo labels contain {len(common)} of the held-out pairs of "
+            f"{data_set(data.title)} (first: {min(common)})",
+            "remove them from {pseudo_labels}, or rename them if they are other images",
+        )
+    return dataclasses.replace(
+        origin,
         pseudo_labels=data.pseudo_labels_title,
-        pseudo_label_ids=_under_names(training_data.own_pairs_title(labels.root), labels.ids)
-        if labels
-        else {},
-        pseudo_label_fingerprint=base.data_fingerprint(labels) if labels else "",
+        pseudo_label_ids=label_ids,
+        pseudo_label_fingerprint=base.data_fingerprint(labels),
     )
 
 
 def train_val_split(dataset: DepthDataset, data: DataConfig) -> tuple[list[int], list[int]]:
-    """Positions of the training pairs and of the held-out ones; scenes are not split.
-
-    Data that comes with a validation part, as that of Ultralytics, is divided as it is.
-    """
+    """Positions of the pairs to train on and to hold out: whole scenes, or the data's own parts."""
     if not data.holdout_every:
         return list(range(len(dataset))), []
     parts = dataset.official_split
-    if "val" in parts:
-        train_rows = [i for i, part in enumerate(parts) if part == "train"]
-        return train_rows, [i for i, part in enumerate(parts) if part == "val"]
-    held_out = base.held_out_scenes(dataset.scenes, data.holdout_every, data.holdout_offset)
-    inside = [scene in held_out for scene in dataset.scenes]
-    train_rows = [i for i, held in enumerate(inside) if not held]
-    return train_rows, [i for i, held in enumerate(inside) if held]
+    if "val" not in parts:
+        held_out = base.held_out_scenes(dataset.scenes, data.holdout_every, data.holdout_offset)
+        parts = tuple("val" if scene in held_out else "train" for scene in dataset.scenes)
+    train_rows = [i for i, part in enumerate(parts) if part == "train"]
+    return train_rows, [i for i, part in enumerate(parts) if part == "val"]
 
 
 def data_set(title: str) -> str:
-    """The name under which the pairs of a data set are recorded, of its name in model cards.
-
-    All splits of NYU Depth v2 share one.
-    """
+    """Name of a data set in records of pairs: its title, without the split of NYU Depth v2."""
     return NYU if title.startswith(NYU) else title
 
 
@@ -99,14 +103,11 @@ def _under_names(name: str, ids: tuple[str, ...]) -> PairIds:
 
 def merged_ids(records: Iterable[Mapping[str, Sequence[str]]]) -> PairIds:
     """The union of several records of pairs by data set."""
-    ids_of: dict[str, set[str]] = {}
-    for record in records:
-        for name, ids in record.items():
-            is_nyu = data_set(name) == NYU
-            ids_of.setdefault(data_set(name), set()).update(
-                map(base.label_id, ids) if is_nyu else ids
-            )
-    return {name: tuple(sorted(ids)) for name, ids in ids_of.items() if ids}
+    union = defaultdict[str, set[str]](set)
+    for title, ids in (item for record in records for item in record.items()):
+        name = data_set(title)
+        union[name].update(map(base.label_id, ids) if name == NYU else ids)
+    return {name: tuple(sorted(ids)) for name, ids in union.items() if ids}
 
 
 def ids_of_card(card: ModelCard) -> PairIds:
@@ -123,17 +124,6 @@ def common_ids(title: str, ids: Iterable[str], record: Mapping[str, Sequence[str
     name = data_set(title)
     names = set(map(base.label_id, ids)) if name == NYU else set(ids)
     return names.intersection(record.get(name, ()))
-
-
-def check_pseudo_labels(data: TrainingData, provenance: DataProvenance) -> None:
-    """Check that the pseudo labels have none of the pairs that the run holds out."""
-    common = common_ids(data.title, provenance.held_out_ids, provenance.pseudo_label_ids)
-    if common:
-        raise DatasetError(
-            f"the pseudo labels contain {len(common)} of the held-out pairs of "
-            f"{data_set(data.title)} (first: {min(common)})",
-            "remove them from {pseudo_labels}, or rename them if they are other images",
-        )
 
 
 def config_differences(saved: TrainConfig, config: TrainConfig) -> tuple[str, ...]:
@@ -174,21 +164,19 @@ def data_differences(saved: DataProvenance, current: DataProvenance) -> tuple[st
     """
     mismatches = []
     if (saved.train_ids, saved.held_out_ids) != (current.train_ids, current.held_out_ids):
-        there, here = _pair_count(saved), _pair_count(current)
-        mismatches.append(f"the data set is another one ({there} there, {here} here)")
+        sides = ((saved, "there"), (current, "here"))
+        counts = (
+            f"{len(data.train_ids)} pairs and {len(data.held_out_ids)} held out {side}"
+            for data, side in sides
+        )
+        mismatches.append(f"the data set is another one ({', '.join(counts)})")
     elif saved.fingerprint != current.fingerprint:
         mismatches.append("the data set has other files or focal lengths")
     if saved.pseudo_label_fingerprint != current.pseudo_label_fingerprint:
         mismatches.append("the pseudo labels are others, or have other focal lengths")
-    compared = ("hfov_deg", "aspect", *(["init_weights"] if current.init_weights else []))
-    values = [
-        {name: getattr(provenance, name) for name in compared} for provenance in (saved, current)
-    ]
-    return (*mismatches, *value_differences(*values))
-
-
-def _pair_count(provenance: DataProvenance) -> str:
-    return f"{len(provenance.train_ids)} pairs and {len(provenance.held_out_ids)} held out"
+    names = ("hfov_deg", "aspect", *(["init_weights"] if current.init_weights else []))
+    there, here = ({name: getattr(data, name) for name in names} for data in (saved, current))
+    return (*mismatches, *value_differences(there, here))
 
 
 def mismatch_error(path: Path, mismatches: Sequence[str]) -> CheckpointError:

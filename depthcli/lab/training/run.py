@@ -58,10 +58,7 @@ def set_threads(count: int | None, folder: Path) -> None:
 
 
 class Run:
-    """Networks, optimizers and weight average of one run.
-
-    ``steps`` is the number of steps of the whole schedule, ``state`` how far the run has come.
-    """
+    """Networks, optimizers and weight average of a run of ``steps``, which is in ``state``."""
 
     optimizers: dict[Phase, Optimizer]
 
@@ -192,10 +189,10 @@ class Run:
 
 
 class WeightAverage:
-    """Exponential moving average (EMA) of a network's weights.
+    """Exponential moving average (EMA) of a network's weights, in ``network``, to evaluate.
 
-    Each update keeps the fraction ``decay`` of the average, less in the first steps, so that the
-    random initial weights have little influence. ``network`` has the average, in evaluation mode.
+    Each update keeps the fraction ``decay``, less in the first steps, so that the random initial
+    weights count little.
     """
 
     def __init__(self, network: nn.Module, decay: float) -> None:
@@ -217,32 +214,24 @@ class WeightAverage:
 def build_optimizer(method: Method, phase: Phase, optim: OptimConfig) -> Optimizer:
     """AdamW over the networks of a phase, which is Adam where nothing decays."""
     networks, heads = method.networks(phase), method.heads() if optim.head_learning_rate else []
-    body = [network for network in networks if network not in heads]
-    encoders = [network.encoder for network in body if isinstance(network, EncoderGenerator)]
-    groups = _parameter_groups([p for network in body for p in _parts(network)], optim.weight_decay)
-    for group in _parameter_groups(encoders, optim.weight_decay):
-        groups.append(group | {"lr": optim.learning_rate * optim.encoder_rate})
-    head_options = {"lr": optim.head_learning_rate, "betas": (optim.head_beta1, optim.head_beta2)}
     heads = [network for network in networks if network in heads]
-    groups += [group | head_options for group in _parameter_groups(heads, optim.weight_decay)]
+    encoders = [network.encoder for network in networks if isinstance(network, EncoderGenerator)]
+    apart = {*_weights(heads), *_weights(encoders)}
+    body = [weight for weight in _weights(networks) if weight not in apart]
+    of_encoder = {"lr": optim.learning_rate * optim.encoder_rate}
+    of_head = {"lr": optim.head_learning_rate, "betas": (optim.head_beta1, optim.head_beta2)}
+    groups: list[dict[str, Any]] = []
+    for part, options in ((body, {}), (_weights(encoders), of_encoder), (_weights(heads), of_head)):
+        kernels = [weight for weight in part if weight.ndim > 1]  # and matrices, which decay
+        others = [weight for weight in part if weight.ndim <= 1]
+        groups.append({"params": kernels, "weight_decay": optim.weight_decay, **options})
+        groups.append({"params": others, "weight_decay": 0.0, **options})
+    groups = [group for group in groups if group["params"]]
     return torch.optim.AdamW(groups, optim.learning_rate, (optim.beta1, optim.beta2))
 
 
-def _parts(network: nn.Module) -> list[nn.Module]:
-    """The network, or its parts without an encoder of timm."""
-    if not isinstance(network, EncoderGenerator):
-        return [network]
-    return [part for part in network.children() if part is not network.encoder]
-
-
-def _parameter_groups(networks: list[nn.Module], weight_decay: float) -> list[dict[str, Any]]:
-    """Kernels and matrices, which decay, and the rest, which does not."""
-    weights = [w for network in networks for w in network.parameters()]
-    groups: list[dict[str, Any]] = [
-        {"params": [w for w in weights if w.ndim > 1], "weight_decay": weight_decay},
-        {"params": [w for w in weights if w.ndim <= 1], "weight_decay": 0.0},
-    ]
-    return [group for group in groups if group["params"]]
+def _weights(networks: Sequence[nn.Module]) -> list[Tensor]:
+    return [weight for network in networks for weight in network.parameters()]
 
 
 def random_state(method: Method, device: torch.device) -> dict[str, Any]:
@@ -340,27 +329,22 @@ def _set_up(
     init_weights: Sequence[Path],
 ) -> tuple[Run, Batches, callbacks.Validation | None]:
     """Read the pairs, build the networks, and load the folder's checkpoint if there is one."""
-    dataset, labels = data.dataset, data.pseudo_labels
+    dataset, labels, device = data.dataset, data.pseudo_labels, fabric.device
     train_rows, held_out = provenance.train_val_split(dataset, config.data)
     origin = provenance.provenance_of(config, data)
-    provenance.check_pseudo_labels(data, origin)
     if config.patience and not held_out:
         raise UsageError("patience needs held-out pairs, and there are none: set patience=0")
     if labels is not None and (config.output.coding != "log" or config.method != "proposed"):
         raise UsageError("pseudo labels need the method proposed and output.coding=log")
     with write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    batches = Batches(
-        PairStore(dataset, train_rows, config.data).to(fabric.device),
-        config.data,
-        config.optim.batch_size,
-        config.seed,
-        fabric.device,
-        None
-        if labels is None
-        else PairStore(labels, range(len(labels)), config.data).to(fabric.device),
-        config.prompt if config.generator.prompt else None,
-    )
+    store = PairStore(dataset, train_rows, config.data).to(device)
+    label_store = None
+    if labels is not None:
+        label_store = PairStore(labels, range(len(labels)), config.data).to(device)
+    prompts = config.prompt if config.generator.prompt else None
+    batch_size, seed = config.optim.batch_size, config.seed
+    batches = Batches(store, config.data, batch_size, seed, device, label_store, prompts)
     validation = callbacks.Validation(dataset, held_out, config) if held_out else None
     run = Run(config, fabric, batches.steps_per_epoch)
     run.provenance = origin

@@ -29,8 +29,7 @@ def resolve_config(
 ) -> TrainConfig:
     """A method's default configuration, overridden by a preset, files and ``a.b=c`` settings.
 
-    Later ones override earlier ones. If ``folder`` has a checkpoint, its configuration is returned.
-    The method ``prompted`` takes the network of ``init``, a checkpoint or a model.
+    A folder's checkpoint has the last word. The method ``prompted`` takes the network of ``init``.
     """
     usual = default_config(method)
     if usual.generator.prompt and init is not None:

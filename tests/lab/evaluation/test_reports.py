@@ -19,12 +19,11 @@ from depthcli.lab.evaluation.page import Page, html_page, report_page
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.evaluation.report import EvalReport, ImageScores, ReportRow, Source
 from depthcli.lab.evaluation.task import EvalTask
-from depthcli.lab.metrics.boundary import BoundaryScores
-from depthcli.lab.metrics.depth import Scores
 from depthcli.lab.options import Alignment
 
-SCORES = Scores((0.125, 0.0625, 0.5, 0.25, 0.1, 0.75, 0.875, 1.0, 12.345))
-EDGES = BoundaryScores(1.5, 2.255, 0.5)
+NAMES = ("abs_rel", "sq_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3", "silog")
+SCORES = dict(zip(NAMES, (0.125, 0.0625, 0.5, 0.25, 0.1, 0.75, 0.875, 1.0, 12.345), strict=True))
+SCORES |= {"dbe_acc": 1.5, "dbe_comp": 2.255, "edge_f1": 0.5}
 MODEL = ReportRow(
     "a\nb",
     Source.MODEL,
@@ -34,13 +33,12 @@ MODEL = ReportRow(
     empty_count=1,
     note="a\nb was trained on 1",
     model_sha256="ab12",
-    images=(ImageScores("0001", SCORES, EDGES), ImageScores("0002", Scores.of())),
-    boundary=EDGES,
+    images=(ImageScores("0001", SCORES), ImageScores("0002", {})),
     train_overlap=1,
     stated="metric, m",
     pixel_count=900,
 )
-PRINTED = ReportRow("CUT (paper)", Source.PUBLISHED, None, 449, Scores.of(abs_rel=0.345))
+PRINTED = ReportRow("CUT (paper)", Source.PUBLISHED, None, 449, {"abs_rel": 0.345})
 REPORT = EvalReport(
     dataset="rooms",
     split="paper",
@@ -70,9 +68,6 @@ CUT (paper),published,,rooms,paper,449,-,,,headline,0.345,,,,,,,,,,,
 "a
 b",model,median,rooms,paper,2,"metric, m",900,1,headline,0.125,0.0625,0.5,0.25,0.1,0.75,0.875,1.0,12.345,1.5,2.255,0.5
 """  # noqa: E501
-NAMES = ("abs_rel", "sq_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3", "silog")
-EDGES_JSON = {"dbe_acc": 1.5, "dbe_comp": 2.255, "edge_f1": 0.5}
-SCORES_JSON = dict(zip(NAMES, SCORES.values, strict=True)) | EDGES_JSON
 
 
 def test_text() -> None:
@@ -134,11 +129,11 @@ def test_json() -> None:
                 "images_without_valid_pixel": 1,
                 "depth": "metric, m",
                 "pixels": 900,
-                "scores": SCORES_JSON,
+                "scores": SCORES,
                 "images_trained_on": 1,
                 "note": "a\nb was trained on 1",
                 "model_sha256": "ab12",
-                "per_image": [{"id": "0001"} | SCORES_JSON, {"id": "0002"} | dict.fromkeys(NAMES)],
+                "per_image": [{"id": "0001"} | SCORES, {"id": "0002"} | dict.fromkeys(NAMES)],
             },
         ],
         "notes": ["a note"],

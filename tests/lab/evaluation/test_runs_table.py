@@ -28,7 +28,7 @@ from depthcli.lab.evaluation.predictors import ModelPredictor, open_model
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.evaluation.report import PUBLISHED, EvalReport, ImageScores, ReportRow, Source
 from depthcli.lab.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
-from depthcli.lab.metrics.depth import METRICS, Scores
+from depthcli.lab.metrics.depth import METRICS, in_full
 from depthcli.lab.options import Alignment, Averaging
 from depthcli.lab.training.config import DataConfig, OptimConfig, TrainConfig
 from depthcli.lab.training.provenance import DataProvenance, TrainedRun, TrainState
@@ -151,7 +151,7 @@ def test_every_fact_of_the_training_is_shown(task: EvalTask, models: list[ModelP
     (proposed,) = (line for line in report.rows if line.name == "proposed")
     known = ["model", "none", "NYU Depth v2", "val", "2", "metric, m", str(proposed.pixel_count)]
     known += ["", PROTOCOL.name]
-    numbers = [*proposed.scores.values, *proposed.std.values]
+    numbers = [*proposed.scores.values(), *proposed.std.values()]
     assert records["proposed"] == ["proposed", *known, *costs, *map(repr, numbers)]
     assert records["cut"][-9:] == [""] * 9
     assert records["CUT (paper)"][:18] == [
@@ -326,10 +326,8 @@ def test_images_without_a_score_are_left_out() -> None:
 
 
 def _row(name: str, abs_rel: list[float], alignment: Alignment = Alignment.NONE) -> ReportRow:
-    images = tuple(
-        ImageScores(f"{i:04}", Scores.of(abs_rel=value)) for i, value in enumerate(abs_rel)
-    )
-    mean = Scores.of(abs_rel=sum(abs_rel) / len(abs_rel))
+    images = tuple(ImageScores(f"{i:04}", {"abs_rel": x}) for i, x in enumerate(abs_rel))
+    mean = {"abs_rel": sum(abs_rel) / len(abs_rel)}
     return ReportRow(name, Source.MODEL, alignment, len(images), mean, images=images)
 
 
@@ -351,7 +349,7 @@ def test_rows_are_compared_image_by_image_with_seeds_averaged() -> None:
 def test_scenes_without_a_score_are_not_counted() -> None:
     groups = {}
     for name, value in (("mean", 0.5), ("ours", 0.4)):
-        row, nothing = _row(name, [value] * 3), ImageScores("0001", Scores.of())
+        row, nothing = _row(name, [value] * 3), ImageScores("0001", in_full({}))
         groups[name] = [replace(row, images=(row.images[0], nothing, row.images[2]))]
     (found,) = differences_from("ours", groups, {"0000": "a", "0001": "b", "0002": "c"})
     assert found.scene_count == 2

@@ -108,9 +108,9 @@ class Method(nn.Module):
 
 
 class TwoWay(Method):
-    """Two generators, G from gray to depth and F back, with a discriminator for each.
+    """Generators G, gray to depth, and F back; discriminators D_y of depth and D_x of gray images.
 
-    D_y judges depth, D_x gray. Parts that no loss term needs are None.
+    What no loss term needs is None.
     """
 
     def __init__(self, config: TrainConfig, *, backward: bool, gray_discriminator: bool) -> None:

@@ -1,4 +1,4 @@
-"""CUT and FastCUT (Park et al. 2020): one-sided translation with a patch-wise contrastive loss."""
+"""CUT, FastCUT (Park et al. 2020) and HnegSRC (Jung et al. 2022): patch-wise contrast, one way."""
 
 from collections.abc import Callable
 from functools import cache, partial
@@ -19,8 +19,8 @@ _Patches: TypeAlias = Callable[[], tuple[list[Tensor], list[Tensor]]]
 class Cut(base.Method):
     """GAN + contrast of x and G(x) + contrast of y and G(y).
 
-    With ``flip_contrast`` (FastCUT), G gets the mirrored image in half of the steps; its features
-    are mirrored back and compared with those of the original image.
+    With ``flip_contrast`` (FastCUT), half of the steps mirror G's input; its features are mirrored
+    back and compared with those of the original image.
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "contrast_x", "contrast_y"})

@@ -1,4 +1,4 @@
-"""CycleGAN (Zhu et al. 2017): two generators, inverse to each other, and two discriminators."""
+"""CycleGAN (Zhu et al. 2017): two inverse generators, two discriminators, and image pools."""
 
 from typing import ClassVar, NamedTuple
 
@@ -14,8 +14,7 @@ from depthcli.lab.training.methods.base import Phase, TwoWay, generate, required
 class ImagePool:
     """Stores the first images; then swaps each new one with a random stored one, with p = 0.5.
 
-    With a size of 0, every image is returned unchanged. Images are swapped with others of their
-    own size only.
+    It swaps images of one size only; with a size of 0, it returns every image unchanged.
     """
 
     def __init__(self, size: int) -> None:

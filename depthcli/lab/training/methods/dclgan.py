@@ -1,4 +1,4 @@
-"""DCLGAN (Han et al. 2021): contrast in both directions, each with its own patch heads."""
+"""DCLGAN and SimDCL (Han et al. 2021): contrast both ways, each way with its own patch heads."""
 
 from typing import ClassVar, NamedTuple
 
@@ -24,8 +24,7 @@ class DomainFeatures(NamedTuple):
 class DclGan(base.TwoWay):
     """GANs + contrast of x and G(x) + contrast of y and F(y) + identity.
 
-    Gray images, real or fake, go through G's encoder and the first heads; depth maps through F's
-    encoder and the second heads.
+    G's encoder and the first heads take gray images, real or fake; F's and the second depth maps.
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "contrast_x", "contrast_y", "identity"})

@@ -27,11 +27,7 @@ def method_class(name: str) -> type[Method]:
 
 
 def default_config(method: str) -> TrainConfig:
-    """The default configuration of a method.
-
-    That of the paper's method without the losses and the pairing that this one does not support,
-    overridden by its file in ``defaults/``.
-    """
+    """The paper's method without what this one does not support, overridden by a file."""
     kind, file = method_class(method), DEFAULTS / f"{method}.toml"
     absent = {term: 0.0 for term in TERMS if term not in kind.TERMS}
     usual = {"loss": absent, "data": {"paired": kind.PAIRED}}

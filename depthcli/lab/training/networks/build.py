@@ -21,7 +21,7 @@ def build_network(config: GeneratorConfig, channels: int = 1) -> Generator | Pro
 def build_generator(config: GeneratorConfig, channels: int = 1, outputs: int = 1) -> Generator:
     """The generator of a configuration, newly initialized, without layers for known depth.
 
-    ``outputs`` is the number of output channels of a ``resnet``; the others have one.
+    Only a ``resnet`` can have more than one of ``outputs``, its channels.
     """
     if config.name == "encoder":
         return EncoderGenerator(

@@ -1,4 +1,4 @@
-"""An encoder-decoder that is fast on CPUs: residual blocks, batch norm, skip connections."""
+"""Encoder-decoders that are fast on CPUs: a decoder for any encoder, and one with its own."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -52,10 +52,7 @@ class DecodingGenerator(nn.Module):
         return self.head(self.maps(x)[1][-1])  # type: ignore[no-any-return]
 
     def maps(self, x: Tensor) -> tuple[list[Tensor | None], list[Tensor]]:
-        """Feature maps of x (B, C, H, W): the encoder's at strides 2, 4, 8, 16, the decoder's.
-
-        The decoder's are at strides 32, 16, 8, 4, 2; those of the encoder may be missing.
-        """
+        """The encoder's maps at strides 2, 4, 8, 16, or None; the decoder's at 32, 16, 8, 4, 2."""
         skips, y = self._encode(x)
         y = y + self.whole_picture(y.mean((2, 3)))[:, :, None, None]
         y = self.dropout(y)
@@ -95,11 +92,7 @@ class _Resized(torch.autograd.Function):
 
 
 class EfficientGenerator(DecodingGenerator):
-    """Gray image to raw depth at half the image's size.
-
-    The arguments are fields of :class:`~depthcli.lab.training.config.GeneratorConfig`; convolutions
-    without batch norm have biases.
-    """
+    """Gray image to raw depth at half its size; convolutions without batch norm have biases."""
 
     def __init__(
         self,

@@ -21,9 +21,8 @@ _COUNTERS = "num_batches_tracked"
 class EncoderGenerator(DecodingGenerator):
     """Network input to raw depth at half its size, with an encoder of timm.
 
-    The arguments are fields of :class:`~depthcli.lab.training.config.GeneratorConfig`. The encoder
-    has feature maps at stride 32 and, if possible, at strides 2, 4, 8 and 16; where it is to have
-    no norm, that of timm is folded into its weights.
+    The encoder has feature maps at stride 32 and, if possible, at strides 2, 4, 8 and 16. Unless
+    ``norm`` is ``batch``, its own norm is folded into its weights.
     """
 
     def __init__(
@@ -53,8 +52,8 @@ class EncoderGenerator(DecodingGenerator):
     def load_encoder(self, weights: Path | None) -> None:
         """Load pretrained weights of the encoder; None downloads those of timm's hub.
 
-        A file is a state dict for images of three channels, whose tensors have the order and the
-        shapes of timm's; further ones, such as a classifier's, are ignored.
+        A file is a state dict for images of three channels, in the order of timm's network; further
+        tensors, such as a classifier's, are ignored.
         """
         network = timm_features(self.name, 3, pretrained=weights is None)
         if weights is not None:
@@ -67,10 +66,7 @@ class EncoderGenerator(DecodingGenerator):
 
 
 class SamePaddedConv2d(nn.Conv2d):
-    """TensorFlow's "same" padding of inputs whose size is a multiple of the stride, for any size.
-
-    That of timm depends on the size, which would be frozen in an exported graph.
-    """
+    """TensorFlow's "same" padding, which timm computes from the size, in a form that exports."""
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, C, H, W) to (B, out_channels, ceil(H/stride), ceil(W/stride))."""
@@ -180,7 +176,7 @@ def _in_order(expected: Mapping[str, Tensor], path: Path) -> dict[str, Tensor]:
 def _accept_input(stem: nn.Conv2d, channels: int, std: Sequence[float]) -> None:
     """Make the first convolution take inputs in [-1, 1], of one channel or three.
 
-    It was trained on (rgb - mean) / std of RGB in [0, 1]; what the mean shifts is left to training.
+    It was trained on (rgb - mean) / std of RGB in [0, 1]; training has to undo the mean's shift.
     """
     weight = stem.weight.detach() * (0.5 / torch.tensor(std)).view(1, -1, 1, 1)
     stem.weight = nn.Parameter(weight.sum(1, keepdim=True) if channels == 1 else weight)

@@ -1,4 +1,4 @@
-"""Antialiased downsampling (Zhang 2019), as in the CUT family."""
+"""Layers of the GANs: blur (Zhang 2019), instance norm, and the initialization of weights."""
 
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -26,7 +26,7 @@ class InstanceNorm(nn.InstanceNorm2d):
     """Instance norm without affine parameters (Ulyanov et al. 2016).
 
     The gradients of torch's own (2.13 still) are wrong for one image in channels-last memory, so
-    the batch norm of one image, which is the same, is used where gradients are needed.
+    its batch norm, which is the same for one image, is used where gradients are needed.
     """
 
     def forward(self, x: Tensor) -> Tensor:

@@ -47,20 +47,18 @@ class Points:
         self.difference = GAIN * (difference - self.centre * mask)
 
     def pooled(self, rest: Tensor, log_spread: Tensor, stride: int) -> tuple[Tensor, Tensor]:
-        """Share of pixels with points, and mean, in cells (B, 1, h, w) of a stride.
+        """Share of pixels with points, and the mean of ``rest``, in cells (B, 1, h, w) of a stride.
 
-        The mean is that of ``rest``, which a coarser field leaves of :attr:`mean`; what is far
-        from 0, in units of the spread of coded depth, counts less.
+        ``rest`` is what a coarser field leaves of :attr:`mean`; values far from 0 count less.
         """
         weight = _cauchy(self.share, rest, GAIN * log_spread.exp())
         share, total = (pooled(values, stride // 2) for values in (weight, weight * rest))
         return share, total / (share + LEAST)
 
     def beyond_farthest(self, predicted: Tensor) -> Tensor:
-        """Predicted less farthest known depth, of cells of stride 16; coded, times GAIN.
+        """Predicted (B, 1, H/2, W/2) less farthest known depth, of cells of stride 16; times GAIN.
 
-        Of predicted (B, 1, H/2, W/2), less the centre. Sensors see nothing beyond their range, so
-        that a hole that seems to be as far as the farthest points is often farther.
+        Sensors see nothing beyond their range: what looks as far as that is often farther.
         """
         farthest = GAIN * predicted + self.mean
         share, total = (pooled(values, 8) for values in (self.share, self.share * farthest))
@@ -71,8 +69,8 @@ class Points:
 class PointInterpolation(nn.Module):
     """Interpolation of what points say, each weighted by its distance and by learned likeness.
 
-    Cells of stride 16 attend to those that have points, whose features are those of the cells of
-    stride 8 with points. A point that contradicts the others, as they interpolate it, counts less.
+    Cells of stride 16 attend to those with points, by features at those. A point that contradicts
+    the others, as they interpolate it, counts less.
     """
 
     def __init__(self, channels: int) -> None:
@@ -89,8 +87,8 @@ class PointInterpolation(nn.Module):
     def forward(self, image_map: Tensor, points: Points) -> tuple[Tensor, Tensor, Tensor]:
         """The field (B, 1, h/2, w/2) of features (B, C, h, w), its parts, and what points are like.
 
-        The parts are the field and the support of each head, (B, 2 heads, h/2, w/2). The last are
-        the scatter of all points, from what others say, and their number, (B, 2, 1, 1) about 1.
+        Parts are the field and the support of each head, (B, 2 heads, h/2, w/2); the last are the
+        scatter and number of all points, (B, 2, 1, 1) about 1.
         """
         fine, _ = points.pooled(points.mean, self.log_spread[0], 8)
         count, mean = points.pooled(points.mean, self.log_spread[0], 16)
@@ -129,11 +127,10 @@ class PointInterpolation(nn.Module):
         mean: Tensor,
         bias: Tensor | float = 0.0,
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """What the heads, one after another, leave of the mean (B, 1, N) of each of N cells.
+        """What the heads leave of the mean (B, 1, N), one after another, take, and their support.
 
-        Of queries and keys (B, heads · channels, N), columns and rows (B, 2, N) and the logits
-        ``trust`` (B, 1, N) and ``bias`` (N, N + 1); the last key is no correction. And what each
-        head takes, and its support, (B, heads, N).
+        Of queries and keys (B, heads · channels, N), columns and rows (B, 2, N), logits ``trust``
+        (B, 1, N) and ``bias`` (N, N + 1), whose last key is no correction.
         """
         ones, left, taken = torch.ones_like(mean), mean, []
         heads = [_KEY_CHANNELS] * HEADS
@@ -154,10 +151,7 @@ class PointInterpolation(nn.Module):
 
 
 def robust_mean(values: Tensor, weights: Tensor) -> Tensor:
-    """Mean of values (B, 1, H, W), weighted, with less weight of those far from it.
-
-    By reweighting with Cauchy's weights; (B, 1, 1, 1), 0 where all weights are 0.
-    """
+    """Mean (B, 1, 1, 1) of values (B, 1, H, W), reweighted by Cauchy; 0 without any weight."""
     weight, mean = weights, torch.zeros_like(weights[:, :, :1, :1])
     for _ in range(_CENTRE_STEPS):
         total = (weight * values).sum((2, 3), keepdim=True)

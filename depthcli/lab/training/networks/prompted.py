@@ -36,15 +36,11 @@ _LARGEST_LOGIT = 6.0  # of a pixel's weight
 class PromptedGenerator(nn.Module):
     """Network input and known depth to raw depth at the input's size.
 
-    The difference between known and predicted depth is first interpolated between all points, by
-    distance and by learned likeness, then spread and corrected at strides 16, 8, 4 and 2; at
-    last, the map is enlarged along learned edges. Only differences of coded depth are used, which
-    is a logarithm: known depth multiplied by a number multiplies the output by it. Where nothing is
-    known, the output is that of the trained network, whose weights do not change.
-
-    Args:
-        base: the trained network.
-        widths: channels of the added layers at strides 16, 8, 4 and 2.
+    Known minus predicted depth is first interpolated between all points, then corrected at strides
+    16, 8, 4 and 2, and the map is enlarged along learned edges. Depth is coded as a logarithm:
+    known depth multiplied by a number multiplies the output by it. Without known depth, the output
+    is that of the trained network ``base``, whose weights do not change. ``widths`` are the
+    channels of the added layers at these strides.
     """
 
     def __init__(self, base: DecodingGenerator, widths: Sequence[int]) -> None:
@@ -64,10 +60,8 @@ class PromptedGenerator(nn.Module):
     ) -> Tensor:
         """Raw depth (B, 1, H, W), or (B, 1, H/2, W/2) without a prompt.
 
-        Args:
-            image: (B, C, H, W) in [-1, 1]; the height and width are even.
-            prompt: (B, 1, H, W) known depth, coded as the output; anything where it is unknown.
-            mask: (B, 1, H, W) float, 1 where depth is known and 0 elsewhere.
+        Of an image (B, C, H, W) in [-1, 1] of even size, known depth ``prompt`` (B, 1, H, W), coded
+        as the output, and its mask, a float that is 1 where depth is known and 0 elsewhere.
         """
         maps, raw = self.plain(image)
         if prompt is None or mask is None:
@@ -115,14 +109,10 @@ class Correction(nn.Module):
 
 
 class CorrectionLevel(nn.Module):
-    """One stride of the correction.
+    """One stride of the correction, 16 at level 0 to 2 at level 3, with features of ``width``.
 
-    Args:
-        channels: those of the trained network's feature maps, 0 for none.
-        below: channels of the features of the coarser level.
-        extra: channels of single pixels, at the finest level; else 0.
-        width: channels of the own features.
-        level: 0 for stride 16 to 3 for stride 2.
+    ``channels`` are those of the trained network's maps, 0 for none, ``below`` those of the coarser
+    level, ``extra`` those of single pixels, at the finest level only.
     """
 
     def __init__(
@@ -164,14 +154,9 @@ class CorrectionLevel(nn.Module):
     ) -> tuple[Tensor, Tensor]:
         """The finer field of corrections (B, 1, h, w), and features (B, width, h, w).
 
-        Args:
-            maps: (B, channels, h, w), the trained network's feature maps.
-            below: (B, below, h', w'), the features of the coarser level.
-            field: (B, 1, h', w'), the field of the coarser level.
-            points: what is known.
-            facts: (B, 2, 1, 1), of all points.
-            beyond: (B, 1, H/2, W/2), predicted less farthest known depth, without the field.
-            pixels: (B, extra, H/2, W/2) of the image and the mask, for the finest level.
+        ``maps`` (B, channels, h, w) are the trained network's, ``below`` and ``field`` those of the
+        coarser level, ``facts`` (B, 2, 1, 1) of all points, ``beyond`` (B, 1, H/2, W/2) predicted
+        less farthest depth, ``pixels`` (B, extra, H/2, W/2) image and mask, at the finest level.
         """
         coarser = resized(field, points.mean)
         count, mean = points.pooled(points.mean - coarser, self.log_spread, self.stride)
@@ -223,12 +208,9 @@ class EdgeUpsampling(nn.Module):
         self.register_buffer("bilinear", bilinear, persistent=False)
 
     def forward(self, values: Tensor, features: Tensor, is_learned: Tensor) -> Tensor:
-        """Of values (B, 1, h, w), (B, 1, 2 h, 2 w).
+        """Values (B, 1, h, w) at twice their size, by features (B, width, h, w).
 
-        Args:
-            values: to enlarge.
-            features: (B, width, h, w).
-            is_learned: (B, 1, 1, 1), 0 where it is to be bilinear.
+        It is bilinear where ``is_learned`` (B, 1, 1, 1) is 0.
         """
         logits = self.head(features).float().clamp(-_LARGEST_LOGIT, _LARGEST_LOGIT)
         share = (logits * is_learned).exp()
@@ -247,12 +229,7 @@ def neighbours(values: Tensor, kernels: Tensor) -> Tensor:
 
 
 def coded_prompt(prompt_m: Tensor, codec: DepthCodec) -> tuple[Tensor, Tensor]:
-    """Known depth as the network takes it: coded, and its mask; both (B, 1, H, W) float.
-
-    Args:
-        prompt_m: (B, 1, H, W) metres, 0 where nothing is known.
-        codec: of logarithmic depth.
-    """
+    """Known depth (B, 1, H, W) in metres, 0 for none, as the network takes it: code and mask."""
     mask = prompt_m > 0
     coded = (torch.where(mask, prompt_m, 1.0).log() - codec.shift) / codec.scale
     return coded * mask, mask.float()

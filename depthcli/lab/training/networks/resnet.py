@@ -13,9 +13,7 @@ class ResnetGenerator(nn.Module):
     """Image to image of the same size, in [-1, 1].
 
     Instance norm without affine parameters after every convolution makes it invariant to the
-    input's mean and contrast. Where it has several input channels, an image of one is repeated.
-
-    The arguments are fields of :class:`~depthcli.lab.training.config.GeneratorConfig`. The final
+    input's mean and contrast. An image of one channel is repeated for others. The ``residual``
     connection ``stem`` adds the features after the first layer to the last map, ``input`` adds α·x
     before the tanh with α learned.
     """
@@ -53,8 +51,8 @@ class ResnetGenerator(nn.Module):
     def features(self, x: Tensor, taps: Sequence[str] = TAPS) -> list[Tensor]:
         """Encoder feature maps of x (B, channels or 1, H, W) for the given taps.
 
-        They are the padded input, both downsampling convolutions before their norm, and the first
-        and fifth residual block (the last if there are fewer).
+        They are the padded input, both downsampling convolutions before their norm, and the
+        residual blocks 1 and 5 (or the last).
         """
         maps = {"input": self._padded(x)}
         maps["down1"] = self.down1.conv(self.stem(maps["input"]))
