@@ -170,19 +170,13 @@ def train(
     if not methods[0] or (method and runs.methods):
         raise UsageError("", "name a METHOD, or several with {methods}")
     planned: dict[Path, Callable[..., TrainConfig]] = {}
+    is_one, init = not (runs.methods or seeds or runs.grid), data.init[0] if data.init else None
     for name, point, seed in itertools.product(methods, runs.settings(), seeds or (None,)):
         settings = [*(config.settings or ()), *point, *([f"seed={seed}"] if seed else [])]
-        resolve = partial(
-            resolve_config,
-            name,
-            config.preset,
-            config.config or (),
-            settings,
-            init=data.init[0] if data.init else None,
-        )
+        files = config.config or ()
+        resolve = partial(resolve_config, name, config.preset, files, settings, init=init)
         if config.show_config:
             show_config(resolve())
-        is_one = not (runs.methods or seeds or runs.grid)
         run = "-".join((name.replace(":", "."), *point, f"seed{resolve().seed}"))
         planned[out if is_one else out / run] = resolve
     if config.show_config:
@@ -204,6 +198,7 @@ def _train_runs(
     minutes = math.inf if device.max_minutes is None else device.max_minutes
     code, end_s = ExitCode.OK, time.monotonic() + 60 * minutes
     for index, (folder, resolve) in enumerate(planned.items()):
+        run = folder.name if len(planned) > 1 else None
         try:
             config = resolve(folder=folder)
             if data.data is None:
@@ -222,7 +217,6 @@ def _train_runs(
                 callbacks=tuple(follow.callback or ()),
                 signals=process.ending_signals(),
             )
-            run = folder.name if len(planned) > 1 else None
             with callback_for(as_json=screen.as_json, quiet=screen.quiet, run=run) as callback:
                 result = train(request, callback)
         except (CheckpointError, TrainingError) as error:

@@ -216,6 +216,5 @@ def opener_of(folder: Path) -> Opener | None:
     """The function that opens a folder; None if no file is recognized."""
     for name, entry in LAYOUTS.items():
         if (folder / name).is_file():
-            opener: Opener = resolve_name(f"depthcli.lab.datasets.{entry}")
-            return opener
+            return resolve_name(f"depthcli.lab.datasets.{entry}")  # type: ignore[no-any-return]
     return None

@@ -118,10 +118,8 @@ class FolderDataset(DepthDataset):
         camera = pair.depth_camera if pair.depth_camera.has_focal else pair.camera
         kind = self.reading.kind
         if kind in {DepthEncoding.DISTANCE, DepthEncoding.DISPARITY} and not camera.has_focal:
-            raise DatasetError(
-                f"{pair.depth} holds {kind}, which needs the focal length",
-                f"give it in {CAMERAS_NAME} (id,focal_px)",
-            )
+            message = f"{pair.depth} holds {kind}, which needs the focal length"
+            raise DatasetError(message, f"give it in {CAMERAS_NAME} (id,focal_px)")
         return read_truth(_file(pair.depth), replace(self.reading, camera=camera))
 
     def raw_depth_m(self, i: int) -> Float32Array:

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import chain, groupby, repeat
+from pathlib import Path
+from string import Template
 
 from depthcli.core.options import one_line
 from depthcli.io.depth.metadata import SOFTWARE
@@ -179,47 +181,19 @@ def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
         yield "  ".join(padded).rstrip()
 
 
-_STYLE = """\
-body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 80rem; padding: 0 1rem;
-       color: #1c1c1c; background: #fff; }
-h1 { font-size: 1.3rem; margin-bottom: 0; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; margin: 1.2rem 0; font-variant-numeric: tabular-nums; }
-th, td { padding: .25rem .7rem; text-align: right; white-space: nowrap; }
-th:first-child, td:first-child { text-align: left; }
-thead th { border-bottom: 2px solid #444; }
-tbody tr:nth-child(even) { background: #f3f3f3; }
-ul { padding-left: 1.2rem; color: #444; }
-figure { margin: 2rem 0; }
-figure img { max-width: 100%; height: auto; }
-figcaption { color: #444; }
-footer { color: #444; font-size: .8rem; overflow-wrap: anywhere; }"""
+_HTML = Template(Path(__file__).with_name("page.html").read_text("utf-8"))
 
 
 def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
     """The content of the HTML file, with embedded figures."""
-    title = escape(page.title)
-    sections = (f"<p>{escape(name)}</p>\n{_html_table(table)}" for name, table in page.sections)
-    return "\n".join(
-        [
-            "<!doctype html>",
-            '<html lang="en">',
-            '<head><meta charset="utf-8">',
-            '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f"<title>{title}</title>",
-            f"<style>\n{_STYLE}\n</style></head>",
-            "<body>",
-            f"<h1>{title}</h1>",
-            f"<p>{escape(page.subtitle)}</p>",
-            _html_table(page.table),
-            *sections,
-            "<ul>",
-            *(f"<li>{escape(note)}</li>" for note in page.notes),
-            "</ul>",
-            *map(_html_figure, figures),
-            f"<footer>{'<br>'.join(map(escape, (SOFTWARE, *page.models)))}</footer>",
-            "</body></html>\n",
-        ]
+    titled = "".join(f"<p>{escape(name)}</p>\n{_html_table(rows)}" for name, rows in page.sections)
+    return _HTML.substitute(
+        title=escape(page.title),
+        subtitle=escape(page.subtitle),
+        tables=_html_table(page.table) + titled,
+        notes="".join(f"<li>{escape(note)}</li>\n" for note in page.notes),
+        figures="".join(map(_html_figure, figures)),
+        footer="<br>".join(map(escape, (SOFTWARE, *page.models))),
     )
 
 
@@ -229,13 +203,11 @@ def _html_table(table: Sequence[Sequence[str]]) -> str:
         for tag, cells in zip(chain(["th"], repeat("td")), table, strict=False)
     )
     body = "".join(f"<tr>{row}</tr>\n" for row in rows)
-    return (
-        f'<div class="scroll"><table>\n<thead><tr>{head}</tr></thead>\n'
-        f"<tbody>\n{body}</tbody></table></div>"
-    )
+    head = f'<div class="scroll"><table>\n<thead><tr>{head}</tr></thead>\n'
+    return f"{head}<tbody>\n{body}</tbody></table></div>\n"
 
 
 def _html_figure(figure: Figure) -> str:
     data, caption = base64.b64encode(figure.png).decode("ascii"), escape(figure.caption)
     image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
-    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
+    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>\n"

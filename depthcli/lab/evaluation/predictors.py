@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ from depthcli.lab.datasets.folders import as_dataset_error
 from depthcli.lab.datasets.layouts import list_files
 from depthcli.lab.datasets.prompts import Pattern, Prompt
 from depthcli.lab.evaluation.report import Source
-from depthcli.lab.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
+from depthcli.lab.metrics.depth import MAX_DEPTH_M, MIN_DEPTH_M
 from depthcli.lab.training.provenance import TrainedRun
 
 SUFFIXES = tuple(f"{middle}{f.facts.file_suffix}" for f in READABLE for middle in ("", ".depth"))
@@ -137,7 +138,10 @@ def open_predictions(
     """
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder", "give one that holds ID.npy, .exr or .png")
-    ids, by_suffix = [sample.id for sample in samples], _found(folder, samples[0].dataset)
+    ids, by_suffix = (
+        [sample.id for sample in samples],
+        _depth_files(folder, samples[0].dataset.pairs),
+    )
     missing = {suffix: [i for i in ids if i not in files] for suffix, files in by_suffix.items()}
     suffix = min(SUFFIXES, key=lambda s: len(missing[s]))
     if missing[suffix]:
@@ -150,40 +154,35 @@ def open_predictions(
     if several := next((paths for paths in files.values() if len(paths) > 1), None):
         raise DatasetError(f"{several[0]} and {several[1]} are of one image", "remove one")
     first = _read(files[ids[0]][0], reading, samples[0])
-    kind = first.depth.kind
-    is_metric = first.depth.is_metric  # others are fitted to the truth, whatever their scale
-    return FilePredictor(
-        str(folder),
-        Source.FILES,
-        kind,
-        f"{kind}, {first.unit_text}" if is_metric else kind,
-        {image_id: path for image_id, (path,) in files.items()},
-        reading if reading.kind else replace(reading, kind=DepthEncoding(kind)),
-        first.warnings_with_scale("predictions_scale") if is_metric else first.warnings,
-    )
+    kind, unit, warnings = first.depth.kind, str(first.depth.kind), first.warnings
+    if first.depth.is_metric:  # others are fitted to the truth, whatever their scale
+        unit, warnings = (
+            f"{kind}, {first.unit_text}",
+            first.warnings_with_scale("predictions_scale"),
+        )
+    reading = reading if reading.kind else replace(reading, kind=DepthEncoding(kind))
+    paths = {image_id: path for image_id, (path,) in files.items()}
+    return FilePredictor(str(folder), Source.FILES, kind, unit, paths, reading, warnings)
 
 
-def _found(folder: Path, dataset: DepthDataset) -> dict[str, dict[str, list[Path]]]:
-    """The depth files of each image, by suffix and id."""
-    id_of = _ids_by_name(dataset.pairs)
-    files: dict[str, dict[str, list[Path]]] = {suffix: {} for suffix in SUFFIXES}
-    for file in list_files(folder):
-        for suffix in filter(file.endswith, SUFFIXES):
-            image_id = id_of.get(file.removesuffix(suffix))
-            if image_id is not None:
-                files[suffix].setdefault(image_id, []).append(folder / file)
-    return files
+def _depth_files(folder: Path, pairs: Sequence[Pair]) -> dict[str, dict[str, list[Path]]]:
+    """The depth files of each image, by suffix and id.
 
-
-def _ids_by_name(pairs: Sequence[Pair]) -> dict[str, str]:
-    """Id of each image by its names: the id, and ends of its path that no other image has."""
-    ids_of: dict[str, set[str]] = {}
+    An image has the name of its id, and the ends of its path that no other image has.
+    """
+    ids_of = defaultdict[str, set[str]](set)
     for pair in pairs:
         parts = pair.image.with_suffix("").parts if pair.image else ()
         for i in range(len(parts)):
-            ids_of.setdefault("/".join(parts[i:]), set()).add(pair.id)
-    unique = {name: min(ids) for name, ids in ids_of.items() if len(ids) == 1}
-    return unique | {pair.id: pair.id for pair in pairs}
+            ids_of["/".join(parts[i:])].add(pair.id)
+    id_of = {name: min(ids) for name, ids in ids_of.items() if len(ids) == 1}
+    id_of |= {pair.id: pair.id for pair in pairs}
+    files = {suffix: defaultdict[str, list[Path]](list) for suffix in SUFFIXES}
+    for file in list_files(folder):
+        for suffix in filter(file.endswith, SUFFIXES):
+            if image_id := id_of.get(file.removesuffix(suffix)):
+                files[suffix][image_id].append(folder / file)
+    return {suffix: dict(paths) for suffix, paths in files.items()}
 
 
 def _read(path: Path, reading: DepthReadOptions, sample: Sample) -> StoredDepth:
@@ -191,10 +190,8 @@ def _read(path: Path, reading: DepthReadOptions, sample: Sample) -> StoredDepth:
         focal_px, width = sample.camera.focal_px, sample.frame.pixels.shape[1]
         across_deg = hfov_deg(focal_px, width) if focal_px else sample.camera.hfov_deg
         if across_deg is None:
-            raise DatasetError(
-                f"{path} holds {reading.kind}, which needs the focal length",
-                "give it in cameras.csv",
-            )
+            message = f"{path} holds {reading.kind}, which needs the focal length"
+            raise DatasetError(message, "give it in cameras.csv")
         reading = replace(reading, camera=Intrinsics(hfov_deg=across_deg))
     with as_dataset_error():
         return read_stored_depth(path, reading)

@@ -11,7 +11,7 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.lab.metrics.alignment import align
 from depthcli.lab.metrics.boundary import BoundaryScores, boundary_scores
-from depthcli.lab.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
+from depthcli.lab.metrics.depth import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
 from depthcli.lab.options import Alignment, Averaging, Crop, Mask
 
 EIGEN_ROWS = slice(45, 471)
@@ -127,12 +127,9 @@ HEADLINE = EvalProtocol()
 
 def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
     """Boundary scores of a result of :meth:`EvalProtocol.compare` with the same ground truth."""
-    maps = []
-    for values in (pixels.truth_m, pixels.predicted_m):
-        depth_m = np.ones(truth.valid.shape)
-        depth_m[truth.valid] = values
-        maps.append(depth_m)
-    return boundary_scores(maps[0], maps[1], truth.valid)
+    truth_m, predicted_m = np.ones((2, *truth.valid.shape))
+    truth_m[truth.valid], predicted_m[truth.valid] = pixels.truth_m, pixels.predicted_m
+    return boundary_scores(truth_m, predicted_m, truth.valid)
 
 
 def _resized(values: Float32Array, width: int, height: int, least: float) -> Float32Array:
@@ -161,15 +158,12 @@ def _size_text(size_px: tuple[int, int] | None) -> str:
 
 
 def _crop(crop: Crop, shape: tuple[int, ...]) -> BoolArray:
-    height, width = shape
-    rows, columns = EIGEN_ROWS, EIGEN_COLUMNS
-    if crop is Crop.GARG:
-        rows, columns = (
-            slice(*(int(share * size) for share in shares))
-            for shares, size in ((_GARG_ROWS, height), (_GARG_COLUMNS, width))
-        )
-    elif (width, height) != FULL_SIZE_PX:
-        raise DatasetError(f"the Eigen crop is defined at {_size_text(FULL_SIZE_PX)} only")
     inside = np.zeros(shape, np.bool_)
-    inside[rows, columns] = True
+    part: tuple[slice, ...] = (EIGEN_ROWS, EIGEN_COLUMNS)
+    if crop is Crop.GARG:
+        sides = zip((_GARG_ROWS, _GARG_COLUMNS), shape, strict=True)
+        part = tuple(slice(int(low * size), int(high * size)) for (low, high), size in sides)
+    elif shape[::-1] != FULL_SIZE_PX:
+        raise DatasetError(f"the Eigen crop is defined at {_size_text(FULL_SIZE_PX)} only")
+    inside[part] = True
     return inside

@@ -5,22 +5,29 @@ import io
 import json
 import math
 import re
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import reduce
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.lab.datasets.base import ALL_PAIRS, HELD_OUT
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.metrics.boundary import BoundaryScores
-from depthcli.lab.metrics.depth import METRICS, PixelSums, Scores, finite_or_none, in_full, mean_of
-from depthcli.lab.metrics.pixels import DepthPixels
+from depthcli.lab.metrics.depth import (
+    METRICS,
+    DepthPixels,
+    PixelSums,
+    Scores,
+    finite_or_none,
+    in_full,
+    mean_of,
+)
 from depthcli.lab.options import Alignment, Part, SplitName
-
-PUBLISHED_COUNT = 449
 
 
 class Source(StrEnum):
@@ -372,34 +379,17 @@ def _label(row: ReportRow) -> str:
     return row.name if row.alignment is Alignment.NONE else f"{row.name}, {row.alignment}"
 
 
-_MISPRINT = (
-    "log10 of CycleGAN is a misprint in the paper: log10·ln10 / rms_log is .80 in every other row, "
-    "which puts it near .1435"
-)
-# fmt: off
-_TABLE_I_METRICS = ("abs_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3")
-_TABLE_I = (
-    ("CycleGAN", .3483, 1.2226, .4096, .1164, .4401, .7248, .8793, _MISPRINT),
-    ("CUT", .3450, 1.1969, .4048, .1421, .4335, .7317, .8875, ""),
-    ("FastCUT", .3385, 1.2501, .4091, .1426, .4420, .7331, .8821, ""),
-    ("DCLGAN", .3384, 1.1894, .3993, .1398, .4434, .7414, .8903, ""),
-    ("SimDCL", .3483, 1.1881, .4080, .1427, .4380, .7300, .8855, ""),
-    ("HnegSRC", .3514, 1.2163, .4105, .1437, .4328, .7244, .8812, ""),
-    ("Proposed", .2727, .9712, .3363, .1164, .5296, .8154, .9331, ""),
-)
-# fmt: on
+PUBLISHED_COUNT = 449
+_PAPER = tomllib.loads(Path(__file__).with_name("published.toml").read_text("utf-8"))
 PUBLISHED = tuple(
     ReportRow(
         name=f"{name} (paper)",
         source=Source.PUBLISHED,
         alignment=None,
         image_count=PUBLISHED_COUNT,
-        scores=in_full(dict(zip(_TABLE_I_METRICS, scores, strict=True))),
-        note=note,
+        scores=in_full(dict(zip(_PAPER["metrics"], scores, strict=True))),
+        note=_PAPER["notes"].get(name, ""),
     )
-    for name, *scores, note in _TABLE_I
+    for name, scores in _PAPER["rows"].items()
 )
-"""Rows of the paper's Table I as printed, for its 449 test images (pairs 1001-1449).
-
-Source: "Depth Map Estimation from a Single 2D Image".
-"""
+"""Rows of the paper's Table I, for its 449 test images."""

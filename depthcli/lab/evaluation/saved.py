@@ -80,13 +80,13 @@ def compare_reports(first: Path, second: Path) -> EvalReport:
     alone, and those of its rows, begin with its name: their counts are of its images.
     """
     reports = [read_report(first), read_report(second)]
-    one, other = reports
+    base = reports[0]
     for what in ("dataset", "protocol"):
-        if getattr(one, what) != getattr(other, what):
+        if getattr(base, what) != getattr(reports[1], what):
             raise UsageError(f"{first} and {second} have another {what}", "compare like with like")
     names = [path.stem for path in (first, second)]
     labels = names if names[0] != names[1] else [str(first), str(second)]
-    rows = [
+    halves = [
         [
             replace(row, name=f"{row.name} ({label})", note=row.note and f"{label}: {row.note}")
             for row in report.rows
@@ -95,19 +95,22 @@ def compare_reports(first: Path, second: Path) -> EvalReport:
         for report, label in zip(reports, labels, strict=True)
     ]
     notes = tuple(dict.fromkeys(_notes(reports, labels)))
-    sets = [{image.id for image in row.images} for own in rows for row in own]
+    sets = [{image.id for image in row.images} for row in (*halves[0], *halves[1])]
     shared = set.intersection(*sets) if sets else set()
-    if not shared or one.protocol.averaging is Averaging.POOLED:
+    if not shared or base.protocol.averaging is Averaging.POOLED:
         note = "no intervals: both need means over the same images (--json --per-image)"
-        return replace(one, rows=(*rows[0], *rows[1]), notes=(*notes, note))
-    kept = [[_part_of(row, shared) for row in own] for own in rows]
-    scenes = {name: one.scenes.get(name, f"/{name}") for name in shared}
+        return replace(base, rows=(*halves[0], *halves[1]), notes=(*notes, note))
+    minuends, others = ([_part_of(row, shared) for row in half] for half in halves)
+    scenes = {name: base.scenes.get(name, f"/{name}") for name in shared}
+    differences = list[Difference]()
+    for name, rows in _by_name(minuends).items():
+        differences += differences_from(name, {name: rows, **_by_name(others)}, scenes)
     return replace(
-        one,
+        base,
         image_count=len(shared),
-        rows=(*kept[0], *kept[1]),
+        rows=(*minuends, *others),
         notes=notes,
-        differences=tuple(_differences(kept[0], kept[1], scenes)),
+        differences=tuple(differences),
         scenes=scenes,
     )
 
@@ -130,11 +133,5 @@ def _part_of(row: ReportRow, shared: set[str]) -> ReportRow:
     return replace(part, scores=mean_of_images(images), train_overlap=overlap)
 
 
-def _differences(
-    rows: Sequence[ReportRow], others: Sequence[ReportRow], scenes: Mapping[str, str]
-) -> Iterator[Difference]:
-    """Each row minus every other of the same alignment."""
-    groups = {row.name: [other for other in others if other.name == row.name] for row in others}
-    for name in dict.fromkeys(row.name for row in rows):
-        group = [row for row in rows if row.name == name]
-        yield from differences_from(name, {name: group, **groups}, scenes)
+def _by_name(rows: Sequence[ReportRow]) -> dict[str, list[ReportRow]]:
+    return {name: [row for row in rows if row.name == name] for name in (r.name for r in rows)}

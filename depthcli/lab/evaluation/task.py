@@ -1,6 +1,7 @@
 """The images to evaluate on, runs by seed, and which images a model was trained on."""
 
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -104,29 +105,28 @@ def plan_runs(
 
 def _held_out(dataset: base.DepthDataset, runs: Sequence[TrainedRun], title: str) -> EvalTask:
     first = runs[0]
-    train_ids, held_out_ids = first.provenance.train_ids, first.provenance.held_out_ids
+    parts = first.provenance.train_ids, first.provenance.held_out_ids
     for run in runs:
-        if (run.provenance.train_ids, run.provenance.held_out_ids) != (train_ids, held_out_ids):
+        if (run.provenance.train_ids, run.provenance.held_out_ids) != parts:
             message = f"{first.name} and {run.name} were trained on or hold out different pairs"
             raise UsageError(message, "compare them separately, or on another {split}")
-    if not held_out_ids:
+    if not parts[1]:
         raise UsageError(f"{first.name} held out no pair", "compare on another {split}")
     places = {name: i for i, name in enumerate(dataset.ids)}
-    missing = [i for i in (*held_out_ids, *train_ids) if i not in places]
+    missing = [i for i in (*parts[1], *parts[0]) if i not in places]
     if missing:
         message = f"{len(missing)} pairs of the runs are not here (first: {missing[0]})"
         raise DatasetError(message, "give the data set that they were trained on")
-    train = tuple(places[i] for i in train_ids)
-    test = tuple(places[i] for i in held_out_ids)
+    train, test = (tuple(places[i] for i in ids) for ids in parts)
     name = SplitName.VAL if title == base.NYU else base.HELD_OUT
     return EvalTask(dataset, base.Split(name, train, test, len(train), len(test)), test, title)
 
 
 def group_by_seed(runs: Iterable[TrainedRun]) -> dict[str, tuple[TrainedRun, ...]]:
     """Runs that differ only in their seed, by their common name: ``cut`` of ``cut-seed0``."""
-    groups: dict[str, list[TrainedRun]] = {}
+    groups = defaultdict[str, list[TrainedRun]](list)
     for run in runs:
-        groups.setdefault(_SEED.sub("", run.name), []).append(run)
+        groups[_SEED.sub("", run.name)].append(run)
     for members in groups.values():
         settings, seeds = {run.settings for run in members}, {run.config.seed for run in members}
         if len(settings) > 1 or len(seeds) < len(members):
@@ -144,26 +144,19 @@ def train_overlap(card: ModelCard, task: EvalTask) -> int | None:
 
 def train_mark(name: str, card: ModelCard, task: EvalTask, overlap: int | None) -> str:
     """A footnote about a model that was trained on the images to evaluate; "" if it was not."""
-    comparable = "its scores say nothing about new images and are not comparable"
+    trained = ""
     if overlap:
-        return (
-            f"{name} was trained on {overlap} of these images, or on others of their scenes: "
-            f"{comparable}"
-        )
-    if task.is_nyu:
-        return ""
-    if card.training.get("data") == own_pairs_title(Path(task.title)):
-        return f"{name} was trained on a folder {task.title}; if it is this one, {comparable}"
-    size_px = task.dataset.depth_m(task.test[0]).shape[::-1]
-    if size_px == FULL_SIZE_PX and all(map(_NYU_NAME.fullmatch, task.ids)):
+        trained = f"{overlap} of these images, or on others of their scenes:"
+    elif not task.is_nyu and card.training.get("data") == own_pairs_title(Path(task.title)):
+        trained = f"a folder {task.title}; if it is this one,"
+    elif not task.is_nyu and all(map(_NYU_NAME.fullmatch, task.ids)):
+        size_px = task.dataset.depth_m(task.test[0]).shape[::-1]
         numbers = trained_numbers(card, task.dataset) or frozenset()
         count = sum(int(image_id) in numbers for image_id in task.ids)
-        if count:
-            return (
-                f"{name} was trained on {count} pairs of NYU Depth v2 with these names; if they "
-                f"are the same, {comparable}"
-            )
-    return ""
+        if count and size_px == FULL_SIZE_PX:
+            trained = f"{count} pairs of NYU Depth v2 with these names; if they are the same,"
+    comparable = "its scores say nothing about new images and are not comparable"
+    return trained and f"{name} was trained on {trained} {comparable}"
 
 
 def trained_numbers(card: ModelCard, dataset: base.DepthDataset) -> frozenset[int] | None:

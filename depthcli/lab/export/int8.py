@@ -1,5 +1,6 @@
 """Rounding an exported network to 8 bits, but for its first block and its output."""
 
+import copy
 import logging
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
@@ -109,10 +110,8 @@ def _exact_nodes(model: onnx.ModelProto) -> list[str]:
             read.update(node.input)
             if node.op_type != "Clip":
                 names.append(node.name)
-    sources = [
-        n for n in model.graph.node if _CORRECTION not in n.name and not read.isdisjoint(n.output)
-    ]
-    return names + [node.name for node in sources]
+    sources = (n for n in model.graph.node if _CORRECTION not in n.name)
+    return names + [node.name for node in sources if not read.isdisjoint(node.output)]
 
 
 def _first_nodes(model: onnx.ModelProto) -> list[str]:
@@ -138,18 +137,18 @@ def _groups(conv: onnx.NodeProto) -> int:
 def _last_nodes(model: onnx.ModelProto) -> list[str]:
     """Names of the last convolution and of what follows it."""
     producers = {name: node for node in model.graph.node for name in node.output}
-    names, node = [], producers.get(OUTPUT)
+    names, node = list[str](), producers.get(OUTPUT)
     while node is not None:
         names.append(node.name)
-        is_last = node.op_type in ("Conv", "ConvTranspose")
-        node = None if is_last else producers.get(node.input[0])
+        if node.op_type in ("Conv", "ConvTranspose"):
+            break
+        node = producers.get(node.input[0])
     return names
 
 
 def with_own_weights(model: onnx.ModelProto) -> onnx.ModelProto:
     """A copy whose convolutions share no weights or biases: equal ones are one tensor at first."""
-    copied = onnx.ModelProto()
-    copied.CopyFrom(model)
+    copied = copy.deepcopy(model)
     stored = _stored(copied)
     for node in copied.graph.node:
         for position in range(1, len(node.input) if node.op_type == "Conv" else 0):
@@ -188,13 +187,11 @@ def equalize(model: onnx.ModelProto, feeds: Sequence[_Feed]) -> None:
             after = _convolutions_after(relu.output[0], model, stored)
             if after:
                 scaled.append((conv, relu.output[0], after))
-    consumers = [consumer for _, _, after in scaled for consumer in after]
-    names = {output for _, output, _ in scaled} | {consumer.input[0] for consumer in consumers}
-    largest = _reduced(
-        model, names, feeds, lambda values: np.abs(values).max((0, 2, 3)), np.maximum
-    )
+    read = {conv.output[0]: {n.input[0] for n in after} for conv, _, after in scaled}
+    names = {output for _, output, _ in scaled}.union(*read.values())
+    largest = _reduced(model, names, feeds, lambda x: np.abs(x).max((0, 2, 3)), np.maximum)
     for conv, output, after in scaled:
-        whole = max(largest[consumer.input[0]].max() for consumer in after)
+        whole = max(largest[name].max() for name in read[conv.output[0]])
         if not whole:
             continue
         scale = whole / np.maximum(largest[output], _LEAST_SHARE * whole)
@@ -234,14 +231,8 @@ def correct_biases(
 ) -> None:
     """Subtract from biases what rounding weights to 7 bits adds on average, but for exact nodes."""
     stored = _stored(model)
-    convs = [
-        node
-        for node in model.graph.node
-        if node.op_type == "Conv"
-        and node.input[2:]
-        and {*node.input[1:]} <= {*stored}
-        and node.name not in exact
-    ]
+    rounded = (n for n in model.graph.node if n.op_type == "Conv" and n.name not in exact)
+    convs = [n for n in rounded if n.input[2:] and {*n.input[1:]} <= {*stored}]
     names = {conv.input[0] for conv in convs}
     sums = _reduced(model, names, feeds, lambda values: values.mean((0, 2, 3)), np.add)
     for conv in convs:
@@ -262,8 +253,7 @@ def _reduced(
     combine: Callable[[Float32Array, Float32Array], Float32Array],
 ) -> dict[str, Float32Array]:
     """Statistics of each channel of tensors (B, C, H, W) over all batches, by name."""
-    probed = onnx.ModelProto()
-    probed.CopyFrom(model)
+    probed = copy.deepcopy(model)
     inner = sorted(name for name in names if name not in feeds[0])
     probed.graph.output.extend(
         onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None) for name in inner

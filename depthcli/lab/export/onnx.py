@@ -15,10 +15,10 @@ from depthcli.errors import ModelError, UsageError
 from depthcli.io.storage.atomic import Guard, atomic_path
 from depthcli.lab.datasets import base as datasets
 from depthcli.lab.export import graph, int8
-from depthcli.lab.metrics.pixels import MIN_DEPTH_M
+from depthcli.lab.metrics.depth import MIN_DEPTH_M
 from depthcli.lab.options import Weights
 from depthcli.lab.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
-from depthcli.lab.training.provenance import TrainedRun, data_set
+from depthcli.lab.training.provenance import TrainedRun, common_ids
 from depthcli.models import card as cards
 from depthcli.models import catalog
 from depthcli.models.card import ModelCard
@@ -48,9 +48,8 @@ class ExportOptions:
         """Maximum difference that the parity check accepts."""
         if self.tolerance is not None:
             return self.tolerance
-        if self.int8_images is not None:
-            return graph.INT8_TOLERANCE
-        return graph.FLOAT16_TOLERANCE if self.half else graph.TOLERANCE
+        tolerance = graph.FLOAT16_TOLERANCE if self.half else graph.TOLERANCE
+        return tolerance if self.int8_images is None else graph.INT8_TOLERANCE
 
 
 MODEL_NAME = "model.onnx"
@@ -65,33 +64,35 @@ def card_path(model: Path) -> Path:
 
 def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
     """The card of a checkpoint's generator, without the facts of the file."""
-    config = saved.config
-    codec = config.output.codec.times(options.depth_factor)
-    hfov_deg = _hfov_deg(options.hfov_deg, saved.provenance.hfov_deg)
+    config, data, output = saved.config, saved.config.data, saved.config.output
+    codec = output.codec.times(options.depth_factor)
+    run_deg = saved.provenance.hfov_deg
+    hfov_deg = run_deg if options.hfov_deg is None else options.hfov_deg
+    if run_deg not in (hfov_deg, None):
+        # Depth from cameras.csv is already scaled to the known camera, whatever the true lens.
+        message = f"contradicts the checkpoint, whose depth is that of a camera of {run_deg:g}°"
+        raise UsageError(f"{hfov_deg:g}° {message}", option="hfov_deg")
+    half = (0.5,) * data.channels
+    min_m = output.min_m if output.coding == "log" else MIN_DEPTH_M
     card = ModelCard(
         name=options.name,
         version=options.version,
         summary=f"{config.method}, {config.generator.name} generator, {saved.provenance.data}",
         license=options.license,
         input=cards.InputSpec(
-            colour=cards.Colour(config.data.colour),
-            width=config.data.width,
-            height=config.data.height,
+            colour=cards.Colour(data.colour),
+            width=data.width,
+            height=data.height,
             dynamic=True,
             multiple_of=_FULL_STRIDE,
             fit=cards.Fit.KEEP_ASPECT,
-            mean=(0.5,) * config.data.channels,
-            std=(0.5,) * config.data.channels,
+            mean=half,
+            std=half,
             prompt=bool(config.generator.prompt),
-            pixel_aspect=round(saved.provenance.aspect * config.data.height / config.data.width, 9),
+            pixel_aspect=round(saved.provenance.aspect * data.height / data.width, 9),
         ),
         output=cards.OutputSpec(
-            kind=DepthKind.METRIC,
-            transform=codec.transform,
-            scale=codec.scale,
-            shift=codec.shift,
-            min_m=config.output.min_m if config.output.coding == "log" else MIN_DEPTH_M,
-            max_m=config.output.max_m,
+            DepthKind.METRIC, codec.transform, codec.scale, codec.shift, min_m, output.max_m
         ),
         camera=None if hfov_deg is None else cards.CameraSpec(hfov_deg),
         onnx=cards.OnnxSpec(options.opset, graph.IR_VERSION),
@@ -105,28 +106,14 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
         raise UsageError(f"{what}; correct the option") from error
 
 
-def _hfov_deg(option_deg: float | None, run_deg: float | None) -> float | None:
-    """The field of view of the training's camera, degrees; None if it is not known."""
-    if option_deg is not None and run_deg is not None and option_deg != run_deg:
-        # Depth from cameras.csv is already scaled to the known camera, whatever the true lens.
-        raise UsageError(
-            f"{option_deg:g}° contradicts the checkpoint, whose depth is that of a camera of "
-            f"{run_deg:g}°",
-            option="hfov_deg",
-        )
-    return run_deg if option_deg is None else option_deg
-
-
 def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]:
     state, provenance = saved.state, saved.provenance
     averaged = saved.ema_generator is None or options.weights is Weights.AVERAGED
-    is_int8 = options.int8_images is not None
-    trained_ids = provenance.seen_ids
-    nyu = trained_ids.get(datasets.NYU, ())
-    is_new = set(provenance.held_out_ids).isdisjoint(trained_ids.get(data_set(provenance.data), ()))
+    is_int8, is_corrected = options.int8_images is not None, options.depth_factor != 1
+    nyu = provenance.seen_ids.get(datasets.NYU, ())
+    repeated = common_ids(provenance.data, provenance.held_out_ids, provenance.seen_ids)
     # Parity keeps float16 near the weights that were validated; the others differ from them.
-    is_corrected = options.depth_factor != 1
-    validated = averaged and is_new and not (is_int8 or is_corrected)
+    validated = averaged and not (repeated or is_int8 or is_corrected)
     facts = {
         "data": provenance.data,
         "pseudo_labels": provenance.pseudo_labels or None,
@@ -196,13 +183,8 @@ def _parity_cases(spec: cards.InputSpec) -> tuple[tuple[int, int, int], ...]:
     """(batch, height, width): nominal size, a batch, other aspect ratios, a larger size."""
     height, width = spec.height, spec.width
     half = max(spec.multiple_of, height // 2 // spec.multiple_of * spec.multiple_of)
-    return (
-        (1, height, width),
-        (3, height, width),
-        (1, width, height),
-        (2, half, width),
-        (1, 2 * height, 2 * width),
-    )
+    nominal, turned, twice = (1, height, width), (1, width, height), (1, 2 * height, 2 * width)
+    return nominal, (3, height, width), turned, (2, half, width), twice
 
 
 def find_runs(folder: Path) -> tuple[Path, ...]:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Self
 
 from depthcli.core.options import AnchorsFit, UpsamplingOptions
 from depthcli.core.progress import NO_PROGRESS, Progress
@@ -29,8 +30,8 @@ from depthcli.lab.evaluation.predictors import (
 )
 from depthcli.lab.evaluation.report import EvalReport
 from depthcli.lab.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
-from depthcli.lab.jobs.latency import measure_latencies, network_run
-from depthcli.lab.metrics.pixels import MAX_DEPTH_M
+from depthcli.lab.jobs.bench import measure_latencies, network_run
+from depthcli.lab.metrics.depth import MAX_DEPTH_M
 from depthcli.lab.options import Mask, SplitName, Weights
 from depthcli.lab.training.provenance import TrainedRun, data_set
 
@@ -96,33 +97,26 @@ def run_evaluation(
     if options.protocol.mask is Mask.RAW:
         task.dataset.raw_depth_m(task.test[0])  # before the models are loaded
     with temporary_folder() as folder:
-        prompt = request.prompt, request.anchors_fit
+        prompt, reading = (request.prompt, request.anchors_fit), request.predictions_reading
         models = [open_model(loader, request.detail, *prompt) for loader in request.models]
         if runs:
             models += _load_runs(request, runs, folder, progress, failed)
-        files = [
-            open_predictions(folder, task.samples, request.predictions_reading)
-            for folder in request.predictions
-        ]
-        about_models = (text for model in models for text in model.pipeline.session.warnings)
-        about_files = (text for file in files for text in file.warnings)
-        compared: list[Predictor] = [*models, *files]
-        about_data = () if runs else task.dataset.warnings  # which training gave
-        for text in dict.fromkeys((*about_data, *about_models, *about_files)):
+        files = [open_predictions(path, task.samples, reading) for path in request.predictions]
+        warnings = [] if runs else [task.dataset.warnings]  # of which training told
+        warnings += [model.pipeline.session.warnings for model in models]
+        warnings += [file.warnings for file in files]
+        for text in dict.fromkeys(text for texts in warnings for text in texts):
             warn(text)
+        compared: list[Predictor] = [*models, *files]
         report = table.evaluate(task, compared, options, progress)
-        report = replace(report, notes=(*report.notes, *_notes(request)))
+        raw = "weights of the last step, not their moving average"
+        drawn = f"the models are given known depth of these images, {request.prompt}"
+        notes = [raw] * (request.weights is Weights.RAW) + [drawn] * bool(request.prompt)
+        report = replace(report, notes=(*report.notes, *notes))
         columns, figures = _shown(compared, report), tuple[Figure, ...]()
         if positions and columns:
             figures = draw_figures(task, positions, columns, progress)
     return EvalResult(report, figures, tuple(failed))
-
-
-def _notes(request: EvalRequest) -> Iterator[str]:
-    if request.weights is Weights.RAW:
-        yield "weights of the last step, not their moving average"
-    if request.prompt:
-        yield f"the models are given known depth of these images, {request.prompt}"
 
 
 def _on_own_pairs(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalRequest:
@@ -174,21 +168,19 @@ def _load_runs(
     """The exported models; runs that cannot be exported are added to ``failed``."""
     from depthcli.lab.export.onnx import export_run  # noqa: PLC0415 - needs torch
 
-    advance, exported = progress.begin("exporting runs", len(runs)), list[tuple[TrainedRun, Path]]()
+    advance, models = progress.begin("exporting runs", len(runs)), list[ModelPredictor]()
     for run in runs:
         with _noted(run.name, failed):
-            exported.append((run, export_run(run, folder, request.weights)))
+            path = export_run(run, folder, request.weights)
+            model = open_model(replace(request.runner, model=path), request.detail)
+            models.append(replace(model, name=run.name, run=run))
         advance(1)
-    if not exported:
+    if not models:
         raise DepthcliError(f"no run can be exported: {'; '.join(failed)}")
-    loaders = (replace(request.runner, model=path) for _, path in exported)
-    models = [open_model(loader, request.detail) for loader in loaders]
     networks = [network_run(model.pipeline) for model in models]
     times = measure_latencies(networks, _SECONDS_A_NETWORK)
-    return [
-        replace(model, name=run.name, run=run, latency_ms=time.median_ms)
-        for (run, _), model, time in zip(exported, models, times, strict=True)
-    ]
+    pairs = zip(models, times, strict=True)
+    return [replace(model, latency_ms=time.median_ms) for model, time in pairs]
 
 
 @contextmanager
@@ -217,8 +209,8 @@ class ReportFiles:
     figures: Path | None = None  #: folder for the figures
     html: Path | None = None  #: table and figures in one file
 
-    def check(self) -> None:
-        """UsageError, before the evaluation, if a file but an earlier report would be replaced."""
+    def checked(self) -> Self:
+        """These files; UsageError, before the evaluation, if one but a report would be replaced."""
         for path, mark in ((self.csv, _OWN_CSV), (self.html, _OWN_HTML)):
             if path is None:
                 continue
@@ -226,6 +218,7 @@ class ReportFiles:
                 raise UsageError(f"{path} is a folder, a device or a pipe", "name a file")
             if path.is_file() and mark not in path.read_bytes():
                 raise UsageError(f"{path} is no report of depthcli and is not replaced")
+        return self
 
     def write(self, page: Page, table_csv: str, figures: Sequence[Figure]) -> Iterator[Path]:
         """Write the files, and yield the path of each figure once it is written."""

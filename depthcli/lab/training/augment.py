@@ -90,8 +90,11 @@ def draw_views(
         tan_half_fov = torch.tensor([[_HALF_WIDTH, down]], dtype=torch.float64)
     aspect = (tan_half_fov[:, 0] / tan_half_fov[:, 1]).float()
     cover = torch.tensor([size[0] / data.width, size[1] / data.height])
-    least = max(1.0, float(cover.max()))  # zoom at which the view fits into the image
-    zoom = _zooms(count, data, random) * least
+    zoom = torch.full((count,), _CROP_286)
+    if not data.crop_286:
+        zoom = torch.exp(torch.rand(count, generator=random) * math.log(data.zoom))
+        zoom[torch.rand(count, generator=random) < _WHOLE_SHARE] = 1
+    zoom = zoom * max(1.0, float(cover.max()))  # the view fits into the image
     view = _affine(zoom, cover, aspect, data, random)
     grid = _sampling_grid(view, *size)
     metric_zoom = zoom / _CROP_286 if data.crop_286 else zoom
@@ -102,14 +105,6 @@ def draw_views(
     grid, along_axis = _rotate_camera(grid, view[:, :, 2] * turned[:, None], tan_half_fov.float())
     inside = (grid.abs() <= 1).all(-1)[:, None]
     return Geometry(grid, depth_scale / along_axis[:, None], inside)
-
-
-def _zooms(count: int, data: DataConfig, random: torch.Generator) -> Tensor:
-    if data.crop_286:
-        return torch.full((count,), _CROP_286)
-    zoom = torch.exp(torch.rand(count, generator=random) * math.log(data.zoom))
-    whole = torch.rand(count, generator=random) < _WHOLE_SHARE
-    return torch.where(whole, torch.ones(()), zoom)
 
 
 def _affine(
@@ -209,12 +204,10 @@ def to_network_input(rgb: Tensor, data: DataConfig) -> Tensor:
 
 
 def _gray(rgb: Tensor, data: DataConfig) -> Tensor:
-    if data.colour == "rgb":
-        return rgb
-    if data.colour == "value":
-        return rgb.amax(1, keepdim=True)
-    weights = torch.tensor([0.299, 0.587, 0.114], device=rgb.device).view(1, 3, 1, 1)
-    return (rgb * weights).sum(1, keepdim=True)
+    if data.colour == "luma":
+        weights = torch.tensor([0.299, 0.587, 0.114], device=rgb.device).view(1, 3, 1, 1)
+        return (rgb * weights).sum(1, keepdim=True)
+    return rgb if data.colour == "rgb" else rgb.amax(1, keepdim=True)
 
 
 def _sample_with_borders(
@@ -250,16 +243,12 @@ def _jitter_exposure(gray: Tensor, data: DataConfig, random: torch.Generator) ->
         gray = torch.lerp(gray, _binomial_blur(gray), blend)
     if data.noise:
         strength = torch.rand(count, 1, 1, 1, generator=random).to(gray.device) * data.noise
-        gray = _noise_like(gray, random).mul_(strength).add_(gray)
+        if gray.is_cuda:  # so much is drawn there
+            seed = int(torch.randint(2**62, (), generator=random))
+            random = torch.Generator(gray.device).manual_seed(seed)
+        noise = torch.randn(gray.shape, generator=random, device=random.device)
+        gray = noise.mul_(strength).add_(gray)
     return gray.clamp(0, 1).mul_(2).sub_(1)
-
-
-def _noise_like(gray: Tensor, random: torch.Generator) -> Tensor:
-    """Standard normal noise, drawn on a GPU if the image is there."""
-    if gray.is_cuda:
-        seed = int(torch.randint(2**62, (), generator=random))
-        random = torch.Generator(gray.device).manual_seed(seed)
-    return torch.randn(gray.shape, generator=random, device=random.device)
 
 
 def _binomial_blur(gray: Tensor) -> Tensor:

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -16,13 +17,18 @@ from depthcli.core.types import DepthMap
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.lab.datasets.base import DepthDataset
-from depthcli.lab.metrics.depth import PixelSums, Scores, finite_or_none, mean_scores
-from depthcli.lab.metrics.pixels import MAX_DEPTH_M, DepthPixels
+from depthcli.lab.metrics.depth import (
+    MAX_DEPTH_M,
+    DepthPixels,
+    PixelSums,
+    Scores,
+    finite_or_none,
+    mean_scores,
+)
 from depthcli.lab.training.augment import Views
 from depthcli.lab.training.config import TrainConfig
-from depthcli.lab.training.data import PairStore, whole_images
+from depthcli.lab.training.data import PairStore, drawn_prompts, whole_images
 from depthcli.lab.training.networks.prompted import coded_prompt
-from depthcli.lab.training.prompts import drawn_prompts
 from depthcli.lab.training.provenance import TrainState
 
 _BATCH_SIZE = 16  # of validation
@@ -95,17 +101,14 @@ class Validation:
     def _prompts(self, rows: Sequence[int]) -> tuple[Tensor, ...]:
         """Known depth and its mask as training draws them, the same in every epoch; or none."""
         config, size = self.config, (self.config.data.height, self.config.data.width)
-        if not config.generator.prompt:
-            return ()
-        prompts = []
-        for row in rows:
+        prompts, mask = [], self.store.valid_mask
+        for row in rows if config.generator.prompt else ():
             depth_m = F.interpolate(self.store.depth_m[[row]].float(), size, mode="nearest")
-            mask = self.store.valid_mask
             if mask is not None:
                 depth_m *= F.interpolate(mask[[row]].float(), size, mode="nearest")
             views = Views(self.inputs([row]), depth_m, None)
             prompts.append(drawn_prompts(views, config.prompt, np.random.SeedSequence(row)))
-        return coded_prompt(torch.cat(prompts), config.output.codec)
+        return coded_prompt(torch.cat(prompts), config.output.codec) if prompts else ()
 
     @torch.no_grad()
     def raw(self, generator: nn.Module, rows: Sequence[int], device: torch.device) -> Tensor:
@@ -146,18 +149,14 @@ def write_samples(
     images = ((inputs + 1) * 127.5).astype(np.uint8)
     raw = validation.raw(generator, rows, fabric.device).numpy()[:, 0]
     codec = validation.config.output.codec
-    lines = []
-    for i, row in enumerate(rows):
-        size = (images.shape[2], images.shape[1])
+    lines, size = [], (images.shape[2], images.shape[1])
+    for image, output, row in zip(images, raw, rows, strict=True):
         depth_m = validation.dataset.depth_m(validation.positions[row])
         truth_m = np.array(cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST), np.float32)
         truth_m[truth_m == 0] = np.nan
-        output_m = np.array(cv2.resize(codec.decode(raw[i]), size), np.float32)
-        output, truth = DepthMap(output_m), DepthMap(truth_m)
-        previews = [
-            PreviewWriter().render(depth, spread=percentiles(truth)) for depth in (output, truth)
-        ]
-        lines.append(np.hstack([images[i], *previews]))
+        output_m = np.array(cv2.resize(codec.decode(output), size), np.float32)
+        render = partial(PreviewWriter().render, spread=percentiles(DepthMap(truth_m)))
+        lines.append(np.hstack([image, *map(render, map(DepthMap, (output_m, truth_m)))]))
     encoded = cv2.imencode(".jpg", np.vstack(lines)[..., ::-1])[1]
     with atomic_path(sample_path(folder, epoch)) as temporary:
         temporary.write_bytes(encoded.tobytes())

@@ -56,9 +56,8 @@ class Checkpoint:
         except (OSError, RuntimeError) as error:
             # torch's message of a failed write names no cause.
             reason = getattr(error, "strerror", None) or "not all of it reached the disk"
-            raise CheckpointError(
-                f"cannot write {path} ({reason})", "free some space; older checkpoints are kept"
-            ) from error
+            advice = "free some space; older checkpoints are kept"
+            raise CheckpointError(f"cannot write {path} ({reason})", advice) from error
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -70,9 +69,8 @@ class Checkpoint:
         except FileNotFoundError:
             raise CheckpointError(f"no checkpoint at {path}") from None
         except Exception as error:  # a file that is not a pickle can raise anything
-            raise CheckpointError(
-                f"{path} is not a complete checkpoint of 'depthcli train'", "use another one"
-            ) from error
+            message = f"{path} is not a complete checkpoint of 'depthcli train'"
+            raise CheckpointError(message, "use another one") from error
         if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
             raise CheckpointError(f"{path} was not made by 'depthcli train'")
         if content.pop("version", None) != _VERSION:
@@ -87,22 +85,19 @@ class Checkpoint:
         except (FieldError, UsageError) as error:
             raise CheckpointError(f"{path} cannot be used: {error}", "use another one") from error
         except (AttributeError, KeyError, TypeError) as error:
-            raise CheckpointError(
-                f"{path} lacks parts of a checkpoint", "use another one"
-            ) from error
+            message = f"{path} lacks parts of a checkpoint"
+            raise CheckpointError(message, "use another one") from error
 
 
 def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.Module, Checkpoint]:
     """The generator of a checkpoint in evaluation mode, with averaged or raw weights."""
     checkpoint = Checkpoint.load(path)
-    generator: nn.Module = build_network(
-        checkpoint.config.generator, checkpoint.config.data.channels
-    )
+    config = checkpoint.config
+    generator: nn.Module = build_network(config.generator, config.data.channels)
     state = checkpoint.ema_generator if weights is Weights.AVERAGED else None
     if state is None:
-        prefix = "generator."
-        named = checkpoint.method.items()
-        state = {k.removeprefix(prefix): v for k, v in named if k.startswith(prefix)}
+        parts = [(name.partition("."), tensor) for name, tensor in checkpoint.method.items()]
+        state = {name: tensor for (part, _, name), tensor in parts if part == "generator"}
     try:
         generator.load_state_dict(state)
     except RuntimeError as error:

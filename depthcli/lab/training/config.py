@@ -26,6 +26,7 @@ _LEVELS = {
 _PROMPT_LEVELS = 4
 _TERM = "term"
 
+_Pattern: TypeAlias = Literal["uniform", "lidar", "camera", "corners"]
 Precision: TypeAlias = Literal["32-true", "bf16-mixed", "16-mixed"]
 Count: TypeAlias = Annotated[int, Rule("a whole number from 0 up", lambda n: n >= 0)]
 Positive: TypeAlias = Annotated[int, Rule("a whole number from 1 up", lambda n: n >= 1)]
@@ -65,10 +66,9 @@ class GeneratorConfig:
     #: residual blocks of ``efficient`` at strides 4, 8, 16, 32
     depths: tuple[Positive, ...] = (2, 2, 2, 2)
     dropout: Share = 0.0  #: share of bottleneck channels of ``efficient`` dropped while training
-    #: of ``efficient`` and ``encoder``: ``batch``; ``none`` to start from an exported model, where
-    #: it is folded; or of ``encoder``, ``decoder``, where that of the encoder alone is folded.
-    #: Statistics of ``batch`` are those of all inputs of G: with identity, cycle or contrast also
-    #: of depth maps
+    #: of ``efficient`` and ``encoder``: ``batch``, also of depth maps for identity, cycle or
+    #: contrast; ``none`` to start from an exported model, where it is folded; ``decoder`` to fold
+    #: that of the encoder alone
     norm: Literal["batch", "decoder", "none"] = "batch"
     #: channels at strides 16, 8, 4, 2 of the layers that take known depth, for the method
     #: ``prompted``; empty without them
@@ -80,13 +80,7 @@ class PromptConfig:
     """Known depth that the method ``prompted`` learns from; each view gets one of the patterns."""
 
     #: ``uniform`` points, ``lidar`` lines, a depth ``camera`` of few pixels, ``corners`` as of SLAM
-    patterns: tuple[Literal["uniform", "lidar", "camera", "corners"], ...] = (
-        "uniform",
-        "uniform",
-        "lidar",
-        "camera",
-        "corners",
-    )
+    patterns: tuple[_Pattern, ...] = ("uniform", "uniform", "lidar", "camera", "corners")
     points: tuple[Positive, Positive] = (5, 20_000)  #: least and largest number of uniform points
     corners: tuple[Positive, Positive] = (10, 1_000)  #: of corners
     lines: tuple[Positive, ...] = (1, 4, 16, 64)  #: numbers of lidar lines
@@ -96,12 +90,8 @@ class PromptConfig:
     #: largest standard deviation of noise relative to depth, of half of the others
     noise: Share = 0.03
     kinect: UnitInterval = 0.2  #: share of the others whose noise grows with distance, as Kinect's
-    wrong: tuple[Share, ...] = (
-        0.0,
-        0.02,
-        0.1,
-        0.25,
-    )  #: shares of points that are wrong, of the others
+    #: shares of points that are wrong, of the others
+    wrong: tuple[Share, ...] = (0.0, 0.02, 0.1, 0.25)
     jitter_px: Amount = 0.3  #: standard deviation of the shift of each point, network px
     shift_px: Amount = 2.0  #: largest shift of all points, of a wrong calibration, network px
     shifted: UnitInterval = 0.2  #: share of the others that are shifted
@@ -139,8 +129,7 @@ class DataConfig:
     colour: Literal["value", "luma", "rgb"] = "value"
     #: aligned pairs of image and depth map; False samples them independently
     paired: bool = True
-    #: enlarge images by 286/256, then crop, as the original methods do; depth is not divided by
-    #: this zoom, so its metres are not true
+    #: enlarge by 286/256, then crop, as the original methods do; metres are not divided by this
     crop_286: bool = False
     zoom: Zoom = 1.0  #: largest zoom-in; depth is divided by the zoom, so metres stay true
     #: further aspect ratios (width / height) of views; half of the batches have one of them
@@ -152,8 +141,7 @@ class DataConfig:
     gamma: Amount = 0.0  #: standard deviation of the log gamma of V
     brightness: Amount = 0.0  #: standard deviation of the log gain of V
     blur: UnitInterval = 0.0  #: largest weight of a binomial filter, in [0, 1]
-    #: fraction of the views without the border of their image: in half of them it repeats the
-    #: pixels inside it, in the other half it is painted in one gray
+    #: fraction of the views without the border of their image, which is repeated or painted gray
     border: UnitInterval = 0.0
     noise: Amount = 0.0  #: largest standard deviation of pixel noise, in [0, 1] units
     pseudo_label_share: Share = 0.5  #: fraction of each batch from the pseudo labels, if any
@@ -175,9 +163,8 @@ class DataConfig:
     def view_sides(self, aspect: float) -> tuple[int, int]:
         """Width and height of views of another aspect ratio, px, with about as many pixels."""
         width = math.sqrt(self.width * self.height * aspect)
-        across, down = (
-            max(1, round(side / _SIDE_STEP_PX)) * _SIDE_STEP_PX for side in (width, width / aspect)
-        )
+        steps = (max(1, round(side / _SIDE_STEP_PX)) for side in (width, width / aspect))
+        across, down = (count * _SIDE_STEP_PX for count in steps)
         return across, down
 
 
@@ -209,8 +196,7 @@ class LossConfig:
     weight_penalty: Amount = 1e-6  #: λ of eq. 1, on squared convolution weights
     #: multi-scale gradient matching, beyond the paper
     gradient: Amount = field(default=0.0, metadata=_weighs("gradient_loss"))
-    #: weight of the error in scale of pseudo labels: with 0 they supervise relative depth only,
-    #: with 1 metres too; a view mixed by ``data.cutmix`` has one scale for both its images
+    #: weight of the error in scale of pseudo labels: 0 for relative depth only, 1 for metres too
     pseudo_label_scale: UnitInterval = 0.0
     gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"  #: form of the adversarial terms
     adversarial_backward: bool = True  #: also a discriminator for F's images
@@ -336,14 +322,11 @@ def check_config(config: TrainConfig) -> None:
 def _check_colour(config: TrainConfig) -> None:
     """Check that all networks that the losses need take images of three channels."""
     generator, loss = config.generator, config.loss
-    compared = {"l1", *PAIRED_LOSSES}
-    others = any(getattr(loss, name) for name in TERMS if name not in compared)
-    others = others or bool(loss.l1 and loss.l1_backward)
+    names = {*TERMS}.difference(["l1"], PAIRED_LOSSES)
+    others = (loss.l1 and loss.l1_backward) or any(getattr(loss, name) for name in names)
     if generator.name == "efficient" or (generator.name == "encoder" and others):
-        message = (
-            "data.colour=rgb is for generator.name=resnet, or encoder with l1 and gradient alone"
-        )
-        raise UsageError(message)
+        message = "is for generator.name=resnet, or encoder with l1 and gradient alone"
+        raise UsageError(f"data.colour=rgb {message}")
     if generator.residual == "input" and generator.name == "resnet":
         raise UsageError("generator.residual=input adds an image of one channel to the depth")
 
@@ -352,11 +335,8 @@ def _check_prompt(config: TrainConfig) -> None:
     generator = config.generator
     if bool(generator.prompt) != (config.method == "prompted"):
         raise UsageError("generator.prompt is for the method prompted, which needs it")
-    if not generator.prompt:
-        return
-    if generator.name == "resnet" or config.output.coding != "log":
-        raise UsageError(
-            "the method prompted needs generator.name=efficient or encoder and output.coding=log"
-        )
-    if len(generator.prompt) != _PROMPT_LEVELS:
+    if generator.prompt and (generator.name == "resnet" or config.output.coding != "log"):
+        needs = "generator.name=efficient or encoder and output.coding=log"
+        raise UsageError(f"the method prompted needs {needs}")
+    if len(generator.prompt) not in (0, _PROMPT_LEVELS):
         raise UsageError(f"generator.prompt has to be {_PROMPT_LEVELS} numbers")

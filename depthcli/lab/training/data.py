@@ -1,54 +1,55 @@
-"""Pairs in memory, downsampled, and the batches of network inputs and metric depth from them.
+"""Pairs in memory, downsampled, known depth drawn from them, and batches of both.
 
 A batch depends on (seed, step) only, so a resumed run gets the same ones as an unbroken one.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from depthcli.core.arrays import BoolArray, Float32Array, UInt8Array
 from depthcli.core.camera import focal_px_of_hfov
 from depthcli.core.imageops import filled_nearest
 from depthcli.core.parallel import ordered_map, usable_cores
 from depthcli.errors import DatasetError, UsageError
 from depthcli.lab.datasets.base import DepthDataset
+from depthcli.lab.datasets.prompts import WHOLE, Pattern, Prompt
 from depthcli.lab.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG
 from depthcli.lab.training.augment import Views, augment, to_network_input, view_size
 from depthcli.lab.training.config import DataConfig, PromptConfig
-from depthcli.lab.training.prompts import drawn_prompts
 
 # One half, less a margin for rounding.
 _LEAST_SHARE = 0.5 - 1e-5
 
 
 def downsample(
-    depth_m: npt.NDArray[np.float32], size: tuple[int, int]
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_] | None] | None:
+    depth_m: Float32Array, size: tuple[int, int]
+) -> tuple[Float32Array, BoolArray | None] | None:
     """Downsample depth to a width and height; the mean of what was measured in each new pixel.
 
     Depth is (H, W) float32 metres, with 0, NaN or infinity in holes. A new pixel is valid if half
     of its area was measured; the others get the depth of the nearest valid one. Returns metres and
     mask (h, w), without a mask if all pixels are valid, and None if no pixel is.
     """
+
+    def area(values: Float32Array) -> Float32Array:
+        return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+
     valid_mask = np.isfinite(depth_m) & (depth_m > 0)
     if valid_mask.all():
-        return _area(depth_m, size), None
-    share = _area(valid_mask.astype(np.float32), size)
-    total_m = _area(np.where(valid_mask, depth_m, np.float32(0)), size)
+        return area(depth_m), None
+    share = area(valid_mask.astype(np.float32))
+    total_m = area(np.where(valid_mask, depth_m, np.float32(0)))
     measured = share >= _LEAST_SHARE
     if not measured.any():
         return None
     mean_m = np.divide(total_m, share, out=total_m, where=measured)
     return filled_nearest(mean_m, measured), None if measured.all() else measured
-
-
-def _area(values: npt.NDArray[np.float32], size: tuple[int, int]) -> npt.NDArray[np.float32]:
-    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def tan_half_fov(dataset: DepthDataset, i: int, shape: tuple[int, ...]) -> tuple[float, float]:
@@ -71,12 +72,7 @@ _STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming
 
 
 _MEMORY_SHARE = 0.5  # of a GPU's free memory that pairs may take; networks need the rest
-_Pair = tuple[
-    npt.NDArray[np.uint8],
-    npt.NDArray[np.float32],
-    npt.NDArray[np.bool_] | None,
-    list[tuple[float, float]],
-]
+_Pair = tuple[UInt8Array, Float32Array, BoolArray | None, list[tuple[float, float]]]
 
 
 class PairStore:
@@ -126,13 +122,11 @@ class PairStore:
 
     def to(self, device: torch.device) -> Self:
         """Move the pairs to a GPU whose free memory is at least twice their size."""
-        maps = [
-            values for values in (self.rgb, self.depth_m, self.valid_mask) if values is not None
-        ]
-        size = sum(values.nbytes for values in maps)
+        names = ("rgb", "depth_m", *(["valid_mask"] if self.valid_mask is not None else []))
+        size = sum(getattr(self, name).nbytes for name in names)
         if device.type == "cuda" and _MEMORY_SHARE * torch.cuda.mem_get_info(device)[0] > size:
-            self.rgb, self.depth_m = self.rgb.to(device), self.depth_m.to(device)
-            self.valid_mask = None if self.valid_mask is None else self.valid_mask.to(device)
+            for name in names:
+                setattr(self, name, getattr(self, name).to(device))
         return self
 
     def __len__(self) -> int:
@@ -147,10 +141,63 @@ def _stored_size(shape: tuple[int, ...], data: DataConfig) -> tuple[int, int]:
 
 def whole_images(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
     """Network inputs (B, 1, H, W) in [-1, 1] of stored pairs (B,) int64, without augmentation."""
-    rgb = store.rgb[rows].float() / 255
-    size = (data.height, data.width)
-    gray = to_network_input(rgb, data)  # before resampling, as at inference
-    return torch.nn.functional.interpolate(gray, size=size, mode="area")
+    gray = to_network_input(store.rgb[rows].float() / 255, data)  # then resampled, as at inference
+    return torch.nn.functional.interpolate(gray, size=(data.height, data.width), mode="area")
+
+
+_NOISY = 0.5  # share of prompts with noise, of those with errors
+_PART_SIDES = 0.25, 0.8  # of the part of an image that has points
+
+
+def drawn_prompts(views: Views, config: PromptConfig, seed: np.random.SeedSequence) -> Tensor:
+    """Known depth of each view, (B, 1, H, W) metres, 0 where nothing is known."""
+    random = np.random.default_rng(seed)
+    depth_m = views.depth_m if views.valid_mask is None else views.depth_m * views.valid_mask
+    maps = (values.float().mean(1).cpu().numpy() for values in (depth_m, views.network_input))
+    drawn = [
+        drawn_prompt(config, random).draw(map_m, gray, random)
+        for map_m, gray in zip(*maps, strict=True)
+    ]
+    return torch.from_numpy(np.stack(drawn))[:, None].to(depth_m.device)
+
+
+def drawn_prompt(config: PromptConfig, random: np.random.Generator) -> Prompt:
+    """A pattern of known depth with its errors."""
+    pattern = Pattern(config.patterns[random.integers(len(config.patterns))])
+    if pattern is Pattern.LIDAR:
+        size = config.lines[random.integers(len(config.lines))]
+    else:
+        least, most = {
+            Pattern.UNIFORM: config.points,
+            Pattern.CORNERS: config.corners,
+            Pattern.CAMERA: config.columns,
+        }[pattern]
+        size = round(_between(least, most, random))
+    range_m, part = _between(*config.range_m, random), WHOLE
+    if random.random() < config.missing:
+        width, height = random.uniform(*_PART_SIDES, 2)
+        left, top = random.random(2) * (1 - width, 1 - height)
+        part = left, top, left + width, top + height
+    if random.random() < config.exact:
+        return Prompt(pattern, size, jitter_px=config.jitter_px, part=part, range_m=range_m)
+    is_shifted = random.random() < config.shifted
+    shift_px = random.uniform(-config.shift_px, config.shift_px, 2) * is_shifted
+    return Prompt(
+        pattern,
+        size,
+        noise=random.uniform(0, config.noise) * (random.random() < _NOISY),
+        has_kinect_noise=random.random() < config.kinect,
+        wrong=config.wrong[random.integers(len(config.wrong))],
+        shift_px=(float(shift_px[0]), float(shift_px[1])),
+        jitter_px=config.jitter_px,
+        part=part,
+        range_m=range_m,
+    )
+
+
+def _between(least: float, most: float, random: np.random.Generator) -> float:
+    """A number between two, whose logarithm is uniform."""
+    return math.exp(random.uniform(math.log(least), math.log(most)))
 
 
 class TrainingBatch(NamedTuple):
@@ -216,9 +263,8 @@ class Batches:
             return TrainingBatch(*views, prompt_m=drawn)
         if self.pseudo_labels is None:
             return TrainingBatch(*views)
-        pseudo_label_rows = self._rows(self.pseudo_labels, step, self._pseudo_label_count, stream=4)
-        more = self._augmented(self.pseudo_labels, pseudo_label_rows, size, random)
-        return _concatenated(views, more)
+        rows = self._rows(self.pseudo_labels, step, self._pseudo_label_count, stream=4)
+        return _concatenated(views, self._augmented(self.pseudo_labels, rows, size, random))
 
     def _rows(self, store: PairStore, step: int, size: int, stream: int) -> Tensor:
         """Rows (``size``,) int64 of a step; the store is shuffled anew for each epoch."""
@@ -244,22 +290,17 @@ class Batches:
         return augment(rgb, depth_m, self.data, random, valid_mask, size, halves)
 
 
-def _concatenated(views: Views, more: Views) -> TrainingBatch:
+def _concatenated(views: Views, labels: Views) -> TrainingBatch:
+    parts = (views, labels)
+    is_whole = views.valid_mask is None and labels.valid_mask is None
     masks = [
-        torch.ones_like(batch.depth_m, dtype=torch.bool)
-        if batch.valid_mask is None
-        else batch.valid_mask
-        for batch in (views, more)
+        torch.ones_like(part.depth_m) > 0 if part.valid_mask is None else part.valid_mask
+        for part in parts
     ]
-    is_whole = views.valid_mask is None and more.valid_mask is None
-    pairs, labels = len(views.network_input), len(more.network_input)
-    is_pseudo_label = torch.arange(pairs + labels) >= pairs
-    return TrainingBatch(
-        torch.cat([views.network_input, more.network_input]),
-        torch.cat([views.depth_m, more.depth_m]),
-        None if is_whole else torch.cat(masks),
-        is_pseudo_label.to(views.network_input.device),
-    )
+    depth_m = torch.cat([part.depth_m for part in parts])
+    is_pseudo_label = torch.arange(len(depth_m), device=depth_m.device) >= len(views.depth_m)
+    images = torch.cat([part.network_input for part in parts])
+    return TrainingBatch(images, depth_m, None if is_whole else torch.cat(masks), is_pseudo_label)
 
 
 def _stream_seed(seed: int, count: int, stream: int) -> int:

@@ -44,18 +44,12 @@ def settings_of(source: Path) -> dict[str, Any]:
     if _is_encoder_file(path):
         raise CheckpointError(f"{path} has weights of an encoder, not of a whole network")
     if path.suffix == ".onnx":
-        settings = find_model(path).card.training.get("config", {})
-        generator = settings.get("generator", {}) | {"norm": "none"}
-        settings = settings | {"generator": generator}
+        settings, norm = find_model(path).card.training.get("config", {}), {"norm": "none"}
     else:
-        settings = asdict(Checkpoint.load(path).config)
+        settings, norm = asdict(Checkpoint.load(path).config), {}
+    generator = {k: v for k, v in settings.get("generator", {}).items() if k != "prompt"}
     inputs = {k: v for k, v in settings.get("data", {}).items() if k in _INPUT_SETTINGS}
-    generator = settings.get("generator", {})
-    return {
-        "generator": {k: v for k, v in generator.items() if k != "prompt"},
-        "output": settings.get("output", {}),
-        "data": inputs,
-    }
+    return {"generator": generator | norm, "output": settings.get("output", {}), "data": inputs}
 
 
 def load_init_weights(
@@ -85,12 +79,9 @@ def load_init_weights(
         message = f"{paths[0]} holds another network ({' '.join(str(error).split()[:60])})"
         advice = "set generator.* as it was trained, with norm=none for an exported float model"
         raise CheckpointError(message, advice) from error
-    return replace(
-        provenance,
-        init_weights=origin,
-        init_ids=merged_ids(ids),
-        encoder_weights="; ".join(dict.fromkeys(filter(None, encoders))),
-    )
+    encoder = "; ".join(dict.fromkeys(filter(None, encoders)))
+    provenance = replace(provenance, init_weights=origin, init_ids=merged_ids(ids))
+    return replace(provenance, encoder_weights=encoder)
 
 
 def _is_encoder_file(path: Path) -> bool:
@@ -115,9 +106,8 @@ def _read(path: Path) -> tuple[dict[str, Tensor], PairIds, str]:
         graph = onnx.load(path, load_external_data=False).graph
         arrays = {tensor.name: numpy_helper.to_array(tensor) for tensor in graph.initializer}
     except Exception as error:  # a file that is not ONNX can raise anything
-        raise CheckpointError(
-            f"{path} is not a complete ONNX file with embedded weights"
-        ) from error
+        message = f"{path} is not a complete ONNX file with embedded weights"
+        raise CheckpointError(message) from error
     weights = {
         name.removesuffix(_HALF): torch.from_numpy(values.astype(np.float32))
         for name, values in arrays.items()

@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -79,8 +80,5 @@ def _nested(setting: str) -> dict[str, Any]:
         value = tomllib.loads(f"value = {text}")["value"]
     except ValueError:  # text without quotes
         value = text
-    *outer, last = key.split(".", 2)  # the third is a name of loss.custom, which may have dots
-    nested: dict[str, Any] = {last: value}
-    for part in reversed(outer):
-        nested = {part: nested}
-    return nested
+    parts = key.split(".", 2)  # the third is a name of loss.custom, which may have dots
+    return reduce(lambda nested, part: {part: nested}, reversed(parts), value)

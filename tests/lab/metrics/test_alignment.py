@@ -22,8 +22,7 @@ from depthcli.lab.metrics.boundary import (
     boundary_scores,
     mean_boundary_scores,
 )
-from depthcli.lab.metrics.depth import PixelSums, Scores, mean_scores
-from depthcli.lab.metrics.pixels import DepthPixels
+from depthcli.lab.metrics.depth import DepthPixels, PixelSums, Scores, mean_scores
 from depthcli.lab.options import Alignment, Averaging
 
 TRUTH = np.random.default_rng(2).uniform(0.5, 9.5, 300)

@@ -11,8 +11,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from depthcli.errors import UsageError
-from depthcli.lab.metrics.depth import METRICS, PixelSums, add_metric, in_full, mean_scores
-from depthcli.lab.metrics.pixels import DepthPixels
+from depthcli.lab.metrics.depth import (
+    METRICS,
+    DepthPixels,
+    PixelSums,
+    add_metric,
+    in_full,
+    mean_scores,
+)
 from depthcli.lab.options import Averaging
 
 

@@ -20,8 +20,7 @@ from lightning_fabric import Fabric
 from depthcli.core.types import DepthMap
 from depthcli.io.formats.preview import percentiles
 from depthcli.lab.jobs.train import TrainRequest, train
-from depthcli.lab.metrics.depth import PixelSums
-from depthcli.lab.metrics.pixels import DepthPixels
+from depthcli.lab.metrics.depth import DepthPixels, PixelSums
 from depthcli.lab.options import Tracker
 from depthcli.lab.training.callbacks import (
     Callback,

@@ -24,25 +24,10 @@ def build_generator(config: GeneratorConfig, channels: int = 1, outputs: int = 1
     Only a ``resnet`` can have more than one of ``outputs``, its channels.
     """
     if config.name == "encoder":
-        return EncoderGenerator(
-            str(config.encoder), config.decoder, config.dropout, norm=config.norm, channels=channels
-        )
+        return EncoderGenerator(config, channels)
     if config.name == "efficient":
-        return EfficientGenerator(
-            tuple(map(int, config.encoder)),
-            config.decoder,
-            config.depths,
-            config.dropout,
-            norm=config.norm == "batch",
-        )
-    return ResnetGenerator(
-        width=config.width,
-        blocks=config.blocks,
-        antialias=config.antialias,
-        residual=config.residual,
-        channels=channels,
-        outputs=outputs,
-    )
+        return EfficientGenerator(config)
+    return ResnetGenerator(config, channels, outputs)
 
 
 def build_discriminator(config: TrainConfig, channels: int = 1) -> PatchGan:

@@ -8,6 +8,8 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
+from depthcli.lab.training.config import GeneratorConfig
+
 
 class DecodingGenerator(nn.Module):
     """Network input to raw depth at half its size, from the feature maps of an encoder.
@@ -17,14 +19,12 @@ class DecodingGenerator(nn.Module):
 
     TAPS: Sequence[str] = ("stride2", "stride4", "stride8", "stride16")
 
-    def _add_decoder(
-        self, encoder: Sequence[int], decoder: Sequence[int], dropout: float, *, norm: bool
-    ) -> None:
+    def _add_decoder(self, encoder: Sequence[int], config: GeneratorConfig, *, norm: bool) -> None:
         """Build the decoder for the channels of :meth:`_encode`, of which 0 stands for no map."""
-        self.encoder_channels, self.decoder_channels = tuple(encoder), tuple(decoder)
-        deepest = encoder[-1]
+        decoder, deepest = config.decoder, encoder[-1]
+        self.encoder_channels, self.decoder_channels = tuple(encoder), decoder
         self.whole_picture = nn.Linear(deepest, deepest)
-        self.dropout = nn.Dropout2d(dropout)
+        self.dropout = nn.Dropout2d(config.dropout)
         inner = (deepest, *decoder)
         self.fusions = nn.ModuleList(
             ConvNorm(below + skip, width, norm=norm)
@@ -69,8 +69,7 @@ class DecodingGenerator(nn.Module):
 def resized(x: Tensor, like: Tensor) -> Tensor:
     """Bilinear interpolation of x (B, C, H, W) at the height and width of another map."""
     if torch.onnx.is_in_onnx_export():
-        exported: Tensor = _Resized.apply(x, like)  # type: ignore[no-untyped-call]
-        return exported
+        return _Resized.apply(x, like)  # type: ignore[no-untyped-call, no-any-return]
     return F.interpolate(x, size=like.shape[2:], mode="bilinear", align_corners=False)
 
 
@@ -94,25 +93,18 @@ class _Resized(torch.autograd.Function):
 class EfficientGenerator(DecodingGenerator):
     """Gray image to raw depth at half its size; convolutions without batch norm have biases."""
 
-    def __init__(
-        self,
-        encoder: Sequence[int],
-        decoder: Sequence[int],
-        depths: Sequence[int],
-        dropout: float,
-        *,
-        norm: bool,
-    ) -> None:
+    def __init__(self, config: GeneratorConfig) -> None:
         super().__init__()
+        encoder, norm = list(map(int, config.encoder)), config.norm == "batch"
         self.stem = ConvNorm(1, encoder[0], stride=2, norm=norm)
         self.stages = nn.ModuleList(
             nn.Sequential(
                 ResidualBlock(below, width, stride=2, norm=norm),
                 *(ResidualBlock(width, width, norm=norm) for _ in range(depth - 1)),
             )
-            for below, width, depth in zip(encoder, encoder[1:], depths, strict=False)
+            for below, width, depth in zip(encoder, encoder[1:], config.depths, strict=False)
         )
-        self._add_decoder(encoder, decoder, dropout, norm=norm)
+        self._add_decoder(encoder, config, norm=norm)
 
     def _encode(self, x: Tensor) -> tuple[list[Tensor | None], Tensor]:
         maps = [self.stem(x)]
@@ -152,9 +144,8 @@ class ResidualBlock(nn.Module):
             ConvNorm(inputs, outputs, stride=stride, norm=norm),
             ConvNorm(outputs, outputs, norm=norm, relu=False),
         )
-        straight = inputs == outputs and stride == 1
         self.skip: nn.Module = nn.Identity()
-        if not straight:
+        if inputs != outputs or stride > 1:
             self.skip = ConvNorm(inputs, outputs, 1, stride, norm=norm, relu=False)
 
     def forward(self, x: Tensor) -> Tensor:

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from depthcli.errors import CheckpointError, UsageError
+from depthcli.lab.training.config import GeneratorConfig
 from depthcli.lab.training.networks.efficient import DecodingGenerator
 
 STRIDES = (2, 4, 8, 16, 32)
@@ -25,23 +26,19 @@ class EncoderGenerator(DecodingGenerator):
     ``norm`` is ``batch``, its own norm is folded into its weights.
     """
 
-    def __init__(
-        self, encoder: str, decoder: Sequence[int], dropout: float, *, norm: str, channels: int = 1
-    ) -> None:
+    def __init__(self, config: GeneratorConfig, channels: int = 1) -> None:
         super().__init__()
+        encoder, norm = str(config.encoder), config.norm
         network = timm_features(encoder, channels)
-        widths = dict(
-            zip(network.feature_info.reduction(), network.feature_info.channels(), strict=True)
-        )
+        info = network.feature_info
+        widths = dict(zip(info.reduction(), info.channels(), strict=True))
         if STRIDES[-1] not in widths:
             raise UsageError(f"{encoder} has no feature maps at strides of 2 to 32: choose another")
         self.name, self.channels, self.folds = encoder, channels, norm != "batch"
         self.encoder: nn.Module = folded_norms(network, channels) if self.folds else network
         self.strides = tuple(widths)
         self.TAPS = tuple(f"stride{stride}" for stride in STRIDES[:-1] if stride in widths)
-        self._add_decoder(
-            [widths.get(n, 0) for n in STRIDES], decoder, dropout, norm=norm != "none"
-        )
+        self._add_decoder([widths.get(n, 0) for n in STRIDES], config, norm=norm != "none")
 
     def _encode(self, x: Tensor) -> tuple[list[Tensor | None], Tensor]:
         if not x.is_cuda:  # as the weights, see Run
@@ -71,8 +68,7 @@ class SamePaddedConv2d(nn.Conv2d):
     def forward(self, x: Tensor) -> Tensor:
         """(B, C, H, W) to (B, out_channels, ceil(H/stride), ceil(W/stride))."""
         if torch.onnx.is_in_onnx_export():
-            exported: Tensor = _PaddedConvolution.apply(x, self.weight, self.bias, self)  # type: ignore[no-untyped-call]
-            return exported
+            return _PaddedConvolution.apply(x, self.weight, self.bias, self)  # type: ignore[no-untyped-call, no-any-return]
         return self.padded(x)
 
     def padded(self, x: Tensor) -> Tensor:
@@ -84,9 +80,7 @@ class SamePaddedConv2d(nn.Conv2d):
     @property
     def zeros(self) -> tuple[int, ...]:
         """Rows and columns of padding above, left, below and right."""
-        whole = [
-            (size - 1) * step for size, step in zip(self.kernel_size, self.dilation, strict=True)
-        ]
+        whole = [(n - 1) * gap for n, gap in zip(self.kernel_size, self.dilation, strict=True)]
         before = [max(0, n + 1 - step) // 2 for n, step in zip(whole, self.stride, strict=True)]
         return (*before, *(n - first for n, first in zip(whole, before, strict=True)))
 
@@ -111,10 +105,9 @@ def timm_features(name: str, channels: int, *, pretrained: bool = False) -> Any:
     timm = _import_timm()
     if not timm.is_model(name.partition(".")[0]):
         raise UsageError(f"timm has no model '{name}': see timm.list_models()")
+    options = {"features_only": True, "in_chans": channels, "pretrained": pretrained}
     try:
-        network = timm.create_model(
-            name, features_only=True, in_chans=channels, pretrained=pretrained
-        )
+        network = timm.create_model(name, **options)
     except (RuntimeError, AttributeError, OSError) as error:
         raise UsageError(f"timm cannot make an encoder of {name}: {error}") from error
     for conv in network.modules():
@@ -164,10 +157,8 @@ def _in_order(expected: Mapping[str, Tensor], path: Path) -> dict[str, Tensor]:
     names = [name for name in expected if _COUNTERS not in name]
     for name, value in zip(names, tensors, strict=False):
         if expected[name].shape != value.shape:
-            ours, theirs = tuple(expected[name].shape), tuple(value.shape)
-            raise CheckpointError(
-                f"{path} does not fit the encoder: {name} is {ours}, not {theirs}"
-            )
+            shapes = f"{tuple(expected[name].shape)}, not {tuple(value.shape)}"
+            raise CheckpointError(f"{path} does not fit the encoder: {name} is {shapes}")
     if len(tensors) < len(names):
         raise CheckpointError(f"{path} does not fit the encoder: it lacks {names[len(tensors)]}")
     return dict(zip(names, tensors, strict=False))

@@ -66,8 +66,7 @@ class PromptedGenerator(nn.Module):
         maps, raw = self.plain(image)
         if prompt is None or mask is None:
             return raw
-        corrected: Tensor = self.correction(image, maps, raw, prompt, mask)
-        return corrected
+        return self.correction(image, maps, raw, prompt, mask)  # type: ignore[no-any-return]
 
     @torch.no_grad()
     def plain(self, image: Tensor) -> tuple[list[list[Tensor]], Tensor]:
@@ -104,8 +103,7 @@ class Correction(nn.Module):
             field, below = level(features, below, field, points, facts, beyond, pixels)
         is_prompted = (points.share.sum((2, 3), keepdim=True) > 0).float()
         raw = raw + is_prompted * (points.centre + field / GAIN)
-        enlarged: Tensor = self.enlarging(raw, below, is_prompted)
-        return enlarged
+        return self.enlarging(raw, below, is_prompted)  # type: ignore[no-any-return]
 
 
 class CorrectionLevel(nn.Module):

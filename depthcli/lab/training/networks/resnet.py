@@ -1,11 +1,11 @@
 """The generator of the paper: ``resnet_9blocks`` (Johnson et al. 2016) with a final skip."""
 
 from collections.abc import Sequence
-from typing import Literal
 
 import torch
 from torch import Tensor, nn
 
+from depthcli.lab.training.config import GeneratorConfig
 from depthcli.lab.training.networks.layers import BlurDown, InstanceNorm, init_weights
 
 
@@ -20,23 +20,15 @@ class ResnetGenerator(nn.Module):
 
     TAPS = ("input", "down1", "down2", "block1", "block5")
 
-    def __init__(
-        self,
-        width: int = 64,
-        blocks: int = 9,
-        *,
-        antialias: bool = False,
-        residual: Literal["none", "stem", "input"],
-        channels: int = 1,
-        outputs: int = 1,
-    ) -> None:
+    def __init__(self, config: GeneratorConfig, channels: int = 1, outputs: int = 1) -> None:
         super().__init__()
+        width, antialias, residual = config.width, config.antialias, config.residual
         self.width, self.residual, self.channels = width, residual, channels
         self.pad = nn.ReflectionPad2d(3)
         self.stem = nn.Sequential(nn.Conv2d(channels, width, 7), _norm_relu(width))
         self.down1 = _Down(width, 2 * width, antialias=antialias)
         self.down2 = _Down(2 * width, 4 * width, antialias=antialias)
-        self.blocks = nn.ModuleList(_Block(4 * width) for _ in range(blocks))
+        self.blocks = nn.ModuleList(_Block(4 * width) for _ in range(config.blocks))
         self.up1 = _up(4 * width, 2 * width, antialias=antialias)
         self.up2 = _up(2 * width, width, antialias=antialias)
         self.head = nn.Sequential(nn.ReflectionPad2d(3), nn.Conv2d(width, outputs, 7))
@@ -66,8 +58,7 @@ class ResnetGenerator(nn.Module):
         return [maps[tap] for tap in taps]
 
     def _padded(self, x: Tensor) -> Tensor:
-        padded: Tensor = self.pad(x.expand(-1, self.channels, -1, -1))
-        return padded
+        return self.pad(x.expand(-1, self.channels, -1, -1))  # type: ignore[no-any-return]
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, channels or 1, H, W) to (B, outputs, H, W); H and W multiples of 4."""

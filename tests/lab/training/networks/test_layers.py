@@ -14,7 +14,7 @@ from depthcli.lab.training.networks.efficient import EfficientGenerator
 from depthcli.lab.training.networks.layers import BlurDown, InstanceNorm
 from depthcli.lab.training.networks.resnet import ResnetGenerator
 
-GROW = ResnetGenerator(2, 1, antialias=True, residual="none").up1[0]
+GROW = ResnetGenerator(GeneratorConfig(width=2, blocks=1, antialias=True)).up1[0]
 
 
 def _down(image: np.ndarray) -> np.ndarray:
@@ -104,7 +104,7 @@ SMALL = {
 
 def _small(*, norm: bool = True) -> EfficientGenerator:
     torch.manual_seed(0)
-    return EfficientGenerator(**SMALL, dropout=0.0, norm=norm).eval()
+    return EfficientGenerator(GeneratorConfig(**SMALL, norm="batch" if norm else "none")).eval()
 
 
 @pytest.mark.parametrize("size", [(64, 64), (48, 64), (33, 47), (31, 95), (1, 1)])
