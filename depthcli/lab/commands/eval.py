@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -158,6 +159,14 @@ class TableOptions:
 
 
 _TrivialOption = Annotated[bool, typer.Option(help="Include baselines that ignore the image.")]
+_LimitOption = Annotated[
+    float,
+    typer.Option(
+        metavar="METRES",
+        callback=groups.positive,
+        help="Range of depth that counts, to which predictions are clamped.",
+    ),
+]
 
 
 def nyu(
@@ -165,14 +174,13 @@ def nyu(
     data: Path = typer.Option(
         ...,
         envvar="DEPTHCLI_NYU",
-        help="nyu_depth_v2_labeled.mat, or a folder with it or with rgb/, depth/, index.csv.",
+        help=".mat file, or a folder with it or rgb/, depth/, index.csv.",
     ),
     models: ModelOptions,
     no_model: bool = typer.Option(False, "--no-model", help="Do not evaluate the bundled model."),
     split: SplitName = typer.Option(
         SplitName.PAPER,
-        help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: held-out scenes "
-        "of the first 1000.",
+        help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: scenes of 1-1000.",
     ),
     crop: Crop = typer.Option(Crop.NONE, help="eigen: rows 45:471, columns 41:601 only."),
     mask: Mask = typer.Option(Mask.FILLED, help="raw: only where the sensor measured depth."),
@@ -193,9 +201,8 @@ def pairs(
     data: Path = typer.Argument(
         ...,
         metavar="DIR",
-        help="Folder with rgb/ and depth/ of the same names, or in the layout of TUM RGB-D, "
-        "ScanNet, 7-Scenes, 3DMatch or KITTI; and cameras.csv (id,focal_px) if the focal lengths "
-        "are known.",
+        help="Folder with rgb/ and depth/, or in the layout of TUM RGB-D, ScanNet, 7-Scenes, "
+        "3DMatch or KITTI; cameras.csv in it (id,focal_px) states focal lengths.",
     ),
     *,
     names: PatternOptions,
@@ -203,31 +210,17 @@ def pairs(
     png_scale: float | None = typer.Option(
         None,
         callback=groups.png_scale_range,
-        help="Units per metre of the depth files: 1000 for millimetres, 256 (KITTI), 5000 (TUM), "
-        "4000 (Matterport). Default: what the files state or the layout implies, else 1000 for "
-        "integers and 1 for floats.",
+        help="Units per metre of the depth files: 256 in KITTI, 5000 in TUM, 4000 in Matterport. "
+        "Default: as files or layout state, else 1000 for integers and 1 for floats.",
     ),
     depth_kind: choices.DepthEncoding = typer.Option(
         choices.DepthEncoding.METRIC,
         help="Meaning of the depth files: metric (along the axis), distance (along the ray), "
         "disparity (with --baseline) or inverse (with --png-scale).",
     ),
-    min_depth: float = typer.Option(
-        0.001,
-        metavar="METRES",
-        callback=groups.positive,
-        help="Nearest depth that counts; predictions are clamped to it.",
-    ),
-    max_depth: float = typer.Option(
-        10.0,
-        metavar="METRES",
-        callback=groups.positive,
-        help="Farthest depth that counts; predictions are clamped to it.",
-    ),
-    crop: Crop = typer.Option(
-        Crop.NONE,
-        help="garg: the part of KITTI's images that is compared; eigen: that of NYU's.",
-    ),
+    min_depth: _LimitOption = 0.001,
+    max_depth: _LimitOption = 10.0,
+    crop: Crop = typer.Option(Crop.NONE, help="Part to compare: garg in KITTI, eigen in NYU."),
     table: TableOptions,
 ) -> int:
     """Evaluate depth metrics on images and depth of your own.
@@ -241,17 +234,8 @@ def pairs(
         raise UsageError(f"it is not below {max_depth:g} m", option="min_depth")
     protocol = EvalProtocol(full_size_px=None, crop=crop, min_m=min_depth, max_m=max_depth)
     truth = DepthReadOptions(png_scale, depth_kind, baseline_m=models.baseline)
-    request = _request(
-        data,
-        models.names,
-        models,
-        table,
-        protocol,
-        truth=truth,
-        patterns=names.patterns,
-        split=None,
-    )
-    return _run(request, table)
+    files = partial(_request, truth=truth, patterns=names.patterns, split=None)
+    return _run(files(data, models.names, models, table, protocol), table)
 
 
 def runs(
@@ -263,8 +247,7 @@ def runs(
     names: PatternOptions,
     split: SplitName = typer.Option(
         SplitName.VAL,
-        help="val: scenes held out by the runs. paper, official: test part of the split, if "
-        "no run was trained on it.",
+        help="val: scenes held out by the runs. paper, official: test images, if new to all runs.",
     ),
     weights: WeightsOption = Weights.AVERAGED,
     trivial: _TrivialOption = True,
@@ -341,15 +324,13 @@ def _request(
         boundary=models.boundary,
     )
     options = {"trivial": trivial, "per_image": models.per_image, "workers": workers}
-    reading = DepthReadOptions(
-        kind=kind, unstated_scale=models.predictions_scale, baseline_m=baseline_m
-    )
+    scale = models.predictions_scale
     return table.request(
         data,
         options | {"protocol": protocol},
         models=tuple(parse.session_loader(name, table.runtime, threads) for name in names),
         predictions=tuple(models.predictions or ()),
-        predictions_reading=reading,
+        predictions_reading=DepthReadOptions(None, kind, scale, baseline_m=baseline_m),
         prompt=parsed_prompt(models.prompt) if models.prompt else None,
         anchors_fit=models.anchors_fit,
         **fields,

@@ -34,19 +34,15 @@ def show_config(config: TrainConfig) -> None:
     """Print a configuration as TOML."""
     values = dataclasses.asdict(config)
     groups = {name: group for name, group in values.items() if isinstance(group, dict)}
-    _assignments({name: value for name, value in values.items() if name not in groups})
-    for name, group in groups.items():
-        console.out(f"\n[{name}]")
-        _assignments(group)
-
-
-def _assignments(values: dict[str, object]) -> None:
-    for name, value in values.items():
-        if isinstance(value, dict):
-            items = ", ".join(f"{json.dumps(key)} = {item}" for key, item in value.items())
-            console.out(f"{name} = {{{items}}}")
-        else:
-            console.out(f"{name} = {json.dumps(value)}")
+    plain = {name: value for name, value in values.items() if name not in groups}
+    for heading, group in {"": plain, **groups}.items():
+        if heading:
+            console.out(f"\n[{heading}]")
+        for name, value in group.items():
+            items = value.items() if isinstance(value, dict) else ()
+            inline = ", ".join(f"{json.dumps(key)} = {item}" for key, item in items)
+            text = f"{{{inline}}}" if isinstance(value, dict) else json.dumps(value)
+            console.out(f"{name} = {text}")
 
 
 def print_result(result: TrainResult, out: Path) -> None:

@@ -17,8 +17,7 @@ from depthcli.cli.screen import console
 from depthcli.errors import SIGNAL_BASE, CheckpointError, ExitCode, TrainingError, UsageError
 from depthcli.lab.commands.options import PatternOptions
 from depthcli.lab.options import Tracker
-from depthcli.lab.training.methods.table import METHODS
-from depthcli.lab.training.presets import PRESETS
+from depthcli.lab.training.methods.table import METHODS, PRESETS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -36,19 +35,16 @@ class RunOptions:
     """Several runs."""
 
     methods: list[str] | None = options.option(
-        "Train these methods one after another, each in the folder METHOD-seedK of --out "
-        "(for example cut,proposed); repeatable.",
+        "Train these methods, each in the folder METHOD-seedK of --out; repeatable.",
         metavar="A,B",
         autocompletion=offered(METHODS),
     )
     seeds: list[str] | None = options.option(
-        "One run of each method for each of these seeds, in the folder METHOD-seedK of "
-        "--out (for example 0,1); repeatable.",
-        metavar="K,L",
+        "Train each method with each of these seeds, in METHOD-seedK; repeatable.", metavar="K,L"
     )
     grid: list[str] | None = options.option(
-        "One run for each of these values of a setting (for example loss.l1=1,10,100), in the "
-        "folder METHOD-loss.l1=1-seedK of --out; repeatable, for all combinations.",
+        "Train with each of these values of a setting, such as loss.l1=1,10, in "
+        "METHOD-loss.l1=1-seedK; repeatable, for all combinations.",
         metavar="NAME=A,B",
     )
 
@@ -64,20 +60,17 @@ class DataOptions:
     """Data and initial weights."""
 
     data: Path | None = options.usual(
-        "NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv, or nyu for that of "
-        "$DEPTHCLI_NYU; or another folder with rgb/ and depth/, or in the layout of TUM RGB-D, "
-        "ScanNet, 7-Scenes, 3DMatch, KITTI or Ultralytics."
+        "NYU Depth v2 (.mat file or folder; nyu for that of $DEPTHCLI_NYU), or a folder with rgb/ "
+        "and depth/, or in the layout of TUM RGB-D, ScanNet, 7-Scenes, 3DMatch, KITTI, Ultralytics."
     )
     names: PatternOptions
     pseudo_labels: Path | None = options.option(
-        "Additional pairs with less reliable depth, such as predictions of another model: "
-        "rgb/ and depth/ in millimetres.",
+        "Further pairs, rgb/ and depth/ in millimetres, of less reliable depth: predictions.",
         metavar="DIR",
     )
     init: list[Path] | None = options.option(
-        "Start from the weights of a model (name, .onnx file or folder) or a checkpoint. "
-        "Repeatable: from the mean of their weights. A .pth file is a pretrained encoder; 'hub' "
-        "downloads that of timm.",
+        "Start from a model (name, .onnx file or folder) or checkpoint, repeatable: from their "
+        "mean. A .pth file is a pretrained encoder; 'hub' downloads that of timm.",
         metavar="MODEL|CKPT",
     )
 
@@ -95,8 +88,7 @@ class ConfigOptions:
         "TOML file that overrides the configuration; repeatable.", metavar="FILE"
     )
     settings: list[str] | None = options.usual(
-        "Override one setting ('--show-config' lists them), such as optim.batch_size=8; "
-        "repeatable.",
+        "Override a setting of --show-config, such as optim.batch_size=8; repeatable.",
         "--set",
         metavar="NAME=VALUE",
     )
@@ -133,8 +125,7 @@ class FollowOptions:
         "Also log losses, scores and sample images to this tool; repeatable."
     )
     callback: list[str] | None = options.option(
-        "Your own class or function that makes a callback from the folder and the configuration "
-        "of a run; repeatable.",
+        "What makes a callback of your own from folder and configuration of a run; repeatable.",
         metavar="MODULE:NAME",
     )
 

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import groupby
+from itertools import filterfalse, groupby
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Self, TypeAlias
@@ -18,6 +18,14 @@ from depthcli.core.types import Frame
 from depthcli.core.validation import fingerprint
 from depthcli.errors import DatasetError
 from depthcli.lab.options import SplitName
+
+NYU = "NYU Depth v2"
+TRAIN_IDS = "nyu_train_ids"  #: field of a card's ``training``: pairs of NYU, :func:`compact`
+ALL_PAIRS = "all"  #: name of the split of a data set without one: all of its pairs are test pairs
+HELD_OUT = "held-out"  #: name of the split of pairs of one's own that training runs held out
+LABELLED_COUNT = 1449
+PAPER_TRAIN_COUNT = 1000
+_COUNTS = {"paper": (1000, 449), "official": (795, 654), "val": (866, 134)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,15 +103,6 @@ class DepthDataset(ABC):
         raise DatasetError(f"there is no raw depth of {self.pairs[i].id}")
 
 
-NYU = "NYU Depth v2"
-TRAIN_IDS = "nyu_train_ids"  #: field of a card's ``training``: pairs of NYU, :func:`compact`
-ALL_PAIRS = "all"  #: name of the split of a data set without one: all of its pairs are test pairs
-HELD_OUT = "held-out"  #: name of the split of pairs of one's own that training runs held out
-LABELLED_COUNT = 1449
-PAPER_TRAIN_COUNT = 1000
-_COUNTS = {"paper": (1000, 449), "official": (795, 654), "val": (866, 134)}
-
-
 @dataclass(frozen=True, slots=True)
 class Split:
     """Positions in a data set."""
@@ -126,7 +125,10 @@ def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> f
 
 def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:
     """Divide a data set whose ids are label numbers; the test part may be empty."""
-    labels, counts = map(_label, dataset.ids), _COUNTS[name]
+    for dataset_id in filterfalse(is_label, dataset.ids):
+        message = f"id {dataset_id!r} is not a label number of NYU Depth v2 (0000 to 1448)"
+        raise DatasetError(message, "evaluate pairs of your own with 'depthcli eval pairs'")
+    labels, counts = map(int, dataset.ids), _COUNTS[name]
     parts = ["train" if label < PAPER_TRAIN_COUNT else "test" for label in labels]
     if name is SplitName.OFFICIAL:
         parts = list(dataset.official_split)
@@ -161,13 +163,6 @@ def label_id(dataset_id: str) -> str:
     ('0007', '0007', 'a7')
     """
     return f"{int(dataset_id):04d}" if is_label(dataset_id) else dataset_id
-
-
-def _label(dataset_id: str) -> int:
-    if not is_label(dataset_id):
-        message = f"id {dataset_id!r} is not a label number of NYU Depth v2 (0000 to 1448)"
-        raise DatasetError(message, "evaluate pairs of your own with 'depthcli eval pairs'")
-    return int(dataset_id)
 
 
 def compact(ids: Iterable[str]) -> str:

@@ -104,11 +104,9 @@ def list_pairs(root: Path, patterns: tuple[str, str] | None = None) -> Listing:
     for listing in (_paired(root, layout, files) for layout in layouts):
         if listing.pairs:
             return listing
-    raise DatasetError(
-        f"{root} has no pairs of image and depth in a known layout: rgb/ and depth/, color/ and "
-        "depth/, *.color.png and *.depth.png, TUM RGB-D or KITTI",
-        "name its files with {rgb} and {depth}",
-    )
+    names = "rgb/ and depth/, color/ and depth/, *.color.png and *.depth.png, TUM RGB-D or KITTI"
+    message = f"{root} has no pairs of image and depth in a known layout: {names}"
+    raise DatasetError(message, "name its files with {rgb} and {depth}")
 
 
 def list_unpaired(root: Path) -> tuple[list[Path], list[Path]]:
@@ -163,11 +161,10 @@ def _paired(root: Path, layout: Layout, files: list[str]) -> Listing:
             units = _TUM_UNITS
     unpaired = sorted((images.keys() - partner_of.keys()) | (depths.keys() - partner_of.values()))
     if (layout is _PLAIN and not partner_of) or (is_complete and unpaired):
-        raise DatasetError(
-            f"{root} has {len(images)} images and {len(depths)} depth images, {len(unpaired)} "
-            f"without a partner{f' (first: {unpaired[0]})' if unpaired else ''}",
-            "name the files with {rgb} and {depth} if their names differ",
-        )
+        first = f" (first: {unpaired[0]})" if unpaired else ""
+        counts = f"{len(images)} images and {len(depths)} depth images, {len(unpaired)}"
+        advice = "name the files with {rgb} and {depth} if their names differ"
+        raise DatasetError(f"{root} has {counts} without a partner{first}", advice)
     pairs = [_pair(root, name, images[name], depths[partner_of[name]]) for name in partner_of]
     return Listing(tuple(pairs), layout.name, units, len(unpaired))
 

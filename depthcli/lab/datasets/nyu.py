@@ -32,6 +32,9 @@ _ENVIRONMENT = "DEPTHCLI_NYU"
 _WHOLE = "2,972,037,809 bytes, MD5 520609c519fba3ba5ac58c8fefcc3530"
 _PAGE = "https://cs.nyu.edu/~silberman/datasets/nyu_depth_v2.html"
 _DAMAGED = (AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError)
+INDEX_NAME = "index.csv"
+PLAUSIBLE_M = (0.8, 9.0)  #: metres × 256 would read as 0.7 m, metres × 4000 as 11 m
+_COLUMNS = ("id", "scene", "official_split")
 
 
 @dataclass(frozen=True)
@@ -72,24 +75,13 @@ def open_mat(path: Path) -> NyuMat:
         references = np.ravel(file["scenes"][()])
         scenes = ["".join(map(chr, np.ravel(file[reference][()]))) for reference in references]
     except _DAMAGED as error:
-        raise DatasetError(
-            f"{path} is not a complete {MAT_NAME}",
-            f"fetch it again if it was cut short (it has {_WHOLE})",
-        ) from error
-    table, unlisted = path.with_name(INDEX_NAME), Pair("")
+        advice = f"fetch it again if it was cut short (it has {_WHOLE})"
+        raise DatasetError(f"{path} is not a complete {MAT_NAME}", advice) from error
+    table, pairs = path.with_name(INDEX_NAME), []
     index = read_index(table) if table.is_file() else {}
-    ids = (f"{i:04d}" for i in range(count))
-    pairs = (
-        Pair(name, scene, index.get(name, unlisted).official_split)
-        for name, scene in zip(ids, scenes, strict=True)
-    )
+    for name, scene in zip((f"{i:04d}" for i in range(count)), scenes, strict=True):
+        pairs.append(Pair(name, scene, index.get(name, Pair(name)).official_split))
     return NyuMat(tuple(pairs), path, file)
-
-
-INDEX_NAME = "index.csv"
-PLAUSIBLE_M = (0.8, 9.0)  #: metres × 256 would read as 0.7 m, metres × 4000 as 11 m
-
-_COLUMNS = ("id", "scene", "official_split")
 
 
 def located_nyu(path: Path) -> Path:
@@ -108,25 +100,21 @@ def open_nyu(path: Path) -> DepthDataset:
     if path.is_file():
         return open_mat(path)
     if not path.is_dir():
-        raise DatasetError(
-            f"{path} does not exist", f"give {MAT_NAME} or a folder with rgb/, depth/ and index.csv"
-        )
+        advice = f"give {MAT_NAME} or a folder with rgb/, depth/ and index.csv"
+        raise DatasetError(f"{path} does not exist", advice)
     if (path / MAT_NAME).is_file():
         return open_mat(path / MAT_NAME)
     if not (path / INDEX_NAME).is_file():
-        raise DatasetError(
-            f"{path} is not NYU Depth v2: it has neither {MAT_NAME} nor {INDEX_NAME}",
-            "compare (exported) models on pairs of your own with 'depthcli eval pairs'",
-        )
+        message = f"{path} is not NYU Depth v2: it has neither {MAT_NAME} nor {INDEX_NAME}"
+        advice = "compare (exported) models on pairs of your own with 'depthcli eval pairs'"
+        raise DatasetError(message, advice)
     return open_indexed_folder(path)
 
 
 def is_nyu(folder: Path) -> bool:
     """Whether a folder holds the .mat file, or an index.csv with NYU's numbers alone as ids."""
-    index = folder / INDEX_NAME
-    if (folder / MAT_NAME).is_file():
-        return True
-    return index.is_file() and all(map(is_label, read_index(index)))
+    index, mat = folder / INDEX_NAME, folder / MAT_NAME
+    return mat.is_file() or (index.is_file() and all(map(is_label, read_index(index))))
 
 
 def open_indexed_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> folders.FolderDataset:
@@ -140,15 +128,13 @@ def open_indexed_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> fo
         dataset = folders.open_paired_folder(path, reading)
     differing = sorted(set(index) ^ set(dataset.ids))
     if differing:
-        raise DatasetError(
-            f"{path / INDEX_NAME} lists {len(index)} pairs but the folder holds {len(dataset)} "
-            f"(first difference: {differing[0]})"
-        )
-    entries = (index[pair.id] for pair in dataset.pairs)
-    pairs = (
-        replace(pair, scene=entry.scene, official_split=entry.official_split)
-        for pair, entry in zip(dataset.pairs, entries, strict=True)
-    )
+        counts = f"{len(index)} pairs but the folder holds {len(dataset)}"
+        message = f"lists {counts} (first difference: {differing[0]})"
+        raise DatasetError(f"{path / INDEX_NAME} {message}")
+    pairs = []
+    for pair in dataset.pairs:
+        scene, split = index[pair.id].scene, index[pair.id].official_split
+        pairs.append(replace(pair, scene=scene, official_split=split))
     return replace(dataset, pairs=tuple(pairs))
 
 

@@ -24,6 +24,7 @@ _SLOPE = 0.1  # largest, of lidar lines
 _LEAST_DENSITY = 0.3  # of the points of a lidar line
 _EDGE, _EDGE_HOLES = 0.1, 0.7  # log ratio of neighbours at an edge, and share of them without depth
 _CORNER_PX = 5
+_FORM = re.compile(r"([a-z]+):([1-9]\d{0,6})((?:,(?:noise|wrong)=0?\.\d+)*)")
 
 
 class Pattern(StrEnum):
@@ -138,17 +139,15 @@ _PLACES = {
     Pattern.CAMERA: _camera,
     Pattern.CORNERS: _corners,
 }
-_FORM = re.compile(r"([a-z]+):([1-9]\d{0,6})((?:,(?:noise|wrong)=0?\.\d+)*)")
 
 
 def parsed_prompt(text: str) -> Prompt:
     """A prompt of the form ``uniform:500`` or ``lidar:4,noise=0.02,wrong=0.25``."""
     form = _FORM.fullmatch(text)
     if form is None or form[1] not in tuple(Pattern):
-        raise UsageError(
-            f"{short_repr(text)} is no pattern: give {':N, '.join(Pattern)}:N, and if needed "
-            ",noise=0.02 or ,wrong=0.25"
-        )
+        names = ":N, ".join(Pattern)
+        advice = f"give {names}:N, and if needed ,noise=0.02 or ,wrong=0.25"
+        raise UsageError(f"{short_repr(text)} is no pattern: {advice}")
     errors = dict(part.split("=") for part in form[3].split(",")[1:])
     noise, wrong = (float(errors.get(name, 0)) for name in ("noise", "wrong"))
     return Prompt(Pattern(form[1]), int(form[2]), noise, wrong=wrong)

@@ -48,13 +48,6 @@ class TrainingData(NamedTuple):
         )
 
     @property
-    def pseudo_labels_title(self) -> str:
-        """Name of the pseudo labels in a model's card; "" if there are none."""
-        if self.pseudo_labels is None:
-            return ""
-        return f"{len(self.pseudo_labels)} pseudo labels ({self.pseudo_labels.root.resolve().name})"
-
-    @property
     def aspect(self) -> float:
         """Width over height of the first image."""
         height, width = self.dataset.image(0).shape[:2]
@@ -63,33 +56,26 @@ class TrainingData(NamedTuple):
 
 def open_training_data(
     path: Path,
-    *,
-    paired: bool,
     split: Literal["paper", "official"] = "paper",
     units_per_metre: float = MILLIMETRES,
     patterns: tuple[str, str] | None = None,
+    *,
+    paired: bool,
 ) -> TrainingData:
-    """Open a data set to train on.
+    """Open a data set to train on: NYU Depth v2, another of ``LAYOUTS``, or pairs of your own.
 
-    Args:
-        path: NYU Depth v2, as :func:`~depthcli.lab.datasets.nyu.open_nyu` takes it; another folder
-            of :data:`~depthcli.lab.datasets.base.LAYOUTS`; or a folder of your own pairs, whose
-            subfolders are the scenes if it has no index.csv.
-        paired: whether each image needs its depth. If not, ``rgb/`` and ``depth/`` may differ in
-            names and sizes.
-        split: whose training part is used. Of your own pairs, ``official`` is what an index.csv
-            calls "train", and ``paper`` is all of them.
-        units_per_metre: value of one metre in the depth images of your own.
-        patterns: of the names of images and depth in it; None for a known layout.
+    If images need not be ``paired`` with depth, ``rgb/`` and ``depth/`` may differ in names and
+    sizes. Of your own pairs, whose depth has ``units_per_metre``, the ``official`` split is what an
+    index.csv calls "train", and ``paper`` is all of them.
     """
     path = nyu.located_nyu(path)
     reading = DepthReadOptions(scale=None if units_per_metre == MILLIMETRES else units_per_metre)
     if not patterns and (not path.is_dir() or nyu.is_nyu(path)):
         _refuse_unit(path, reading)
         if (path / folders.CAMERAS_NAME).is_file():
+            advice = f"remove {folders.CAMERAS_NAME}, or rename the pairs if they are your own"
             raise DatasetError(
-                f"{path} has the ids of NYU Depth v2, whose camera is known: remove "
-                f"{folders.CAMERAS_NAME}, or rename the pairs if they are your own"
+                f"{path} has the ids of NYU Depth v2, whose camera is known: {advice}"
             )
         title = NYU_OFFICIAL if split == "official" else NYU_PAPER
         data = TrainingData(nyu.open_nyu(path), title, NYU_HFOV_DEG)
@@ -104,7 +90,7 @@ def open_training_data(
     data = data._replace(dataset=part)
     if data.hfov_deg is None and isinstance(part, folders.FolderDataset) and part.focal_px:
         part = part.for_camera(NYU_HFOV_DEG, data.aspect)
-        return data._replace(dataset=part, hfov_deg=NYU_HFOV_DEG)
+        data = data._replace(dataset=part, hfov_deg=NYU_HFOV_DEG)
     return data
 
 

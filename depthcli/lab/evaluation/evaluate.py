@@ -18,14 +18,8 @@ from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DatasetError, UsageError
 from depthcli.lab.datasets.base import DepthDataset
+from depthcli.lab.evaluation import predictors as sources
 from depthcli.lab.evaluation import report
-from depthcli.lab.evaluation.predictors import (
-    TRIVIAL_NAMES,
-    ModelPredictor,
-    Predictor,
-    Sample,
-    fit_trivial,
-)
 from depthcli.lab.evaluation.protocol import HEADLINE, EvalProtocol, compare_boundaries
 from depthcli.lab.evaluation.task import EvalTask, group_by_seed, train_mark, train_overlap
 from depthcli.lab.metrics.alignment import SUITABLE, align
@@ -61,14 +55,14 @@ HEADLINE_TABLE = EvalOptions()
 class Entry(NamedTuple):
     """A predictor and its rows of the table."""
 
-    predictor: Predictor  #: what is evaluated
+    predictor: sources.Predictor  #: what is evaluated
     alignments: tuple[Alignment, ...]  #: a row for each
     train_overlap: int | None = None  #: number of the images it was trained on; None if unknown
     mark: str = ""  #: footnote about training on these images
 
 
 def entry_for(
-    predictor: Predictor,
+    predictor: sources.Predictor,
     alignments: Sequence[Alignment] = (Alignment.NONE,),
     train_overlap: int | None = None,
     mark: str = "",
@@ -88,26 +82,30 @@ class _Line(NamedTuple):
     entries: tuple[Entry, ...]
 
     @property
-    def runs(self) -> list[tuple[ModelPredictor, TrainedRun]]:
+    def runs(self) -> list[tuple[sources.ModelPredictor, TrainedRun]]:
         """The seeds of a training run with their models; empty for other predictors."""
         models = (entry.predictor for entry in self.entries)
-        return [(m, m.run) for m in models if isinstance(m, ModelPredictor) and m.run]
+        return [(m, m.run) for m in models if isinstance(m, sources.ModelPredictor) and m.run]
 
 
 def evaluate(
     task: EvalTask,
-    predictors: Sequence[Predictor],
+    predictors: Sequence[sources.Predictor],
     options: EvalOptions = HEADLINE_TABLE,
     progress: Progress = NO_PROGRESS,
 ) -> report.EvalReport:
     """The table: trivial rows, predictors (seeds of a training run are one row), published rows."""
     lines = _lines(task, predictors, options)
-    trivial = TRIVIAL_NAMES if options.trivial and task.split.train else ()
+    trivial = sources.TRIVIAL_NAMES if options.trivial and task.split.train else ()
     if options.against is not None:
         names = [*trivial, *(line.name for line in lines)]
         check_against(options.against, names, options.protocol)
     if trivial:
-        lines = [*_trivial_lines(task, options, progress), *lines]
+        alignments = (Alignment.NONE, Alignment.MEDIAN, *options.alignments)
+        means = sources.fit_trivial(
+            task.dataset, task.split.train, options.protocol, progress, options.workers
+        )
+        lines = [*(_Line(mean.name, (entry_for(mean, alignments),)) for mean in means), *lines]
     scored = score(
         task.dataset,
         task.test,
@@ -119,10 +117,9 @@ def evaluate(
     )
     if scored and not any(row.pixel_count for row in scored):
         low_m, high_m = options.protocol.min_m, options.protocol.max_m
-        message = (
-            f"no pixel of {len(task.test)} images has depth between {low_m:g} and {high_m:g} m"
-        )
-        raise DatasetError(message, "check the unit, and the range that counts")
+        message = f"of {len(task.test)} images has depth between {low_m:g} and {high_m:g} m"
+        raise DatasetError(f"no pixel {message}", "check the unit, and the range that counts")
+    outside = scored[0].outside if scored else (0, 0)
     rest = iter(scored)
     each = [[next(rest) for entry in line.entries for _ in entry.alignments] for line in lines]
     differences: tuple[report.Difference, ...] = ()
@@ -137,7 +134,10 @@ def evaluate(
         kinds = dict.fromkeys(row.alignment for row in seeds) if line.runs else {}
         rows += seeds if not kinds else [_mean_row(line, seeds, alignment) for alignment in kinds]
     if any(line.runs for line in lines):
-        rows = [*sorted(rows, key=_paper_order), *(report.PUBLISHED if options.published else ())]
+        # Other rows, then training runs in the order of the paper, then by name.
+        places = {row.name: [*_PAPER_ORDER, row.name].index(row.name) for row in rows}
+        rows.sort(key=lambda row: (places[row.name], row.name) if row.training else (-1, ""))
+        rows += report.PUBLISHED if options.published else ()
     elif options.published and _is_headline(task, options):
         rows = [*report.PUBLISHED, *rows]
     return report.EvalReport(
@@ -148,7 +148,7 @@ def evaluate(
         train_count=len(task.split.train) if options.trivial else 0,
         protocol=options.protocol,
         rows=tuple(rows),
-        notes=(*task.dataset.notes, *_range_note(scored, options), *_notes(task, lines, options)),
+        notes=(*task.dataset.notes, *_notes(task, lines, options, *outside)),
         differences=differences,
         breakdowns=broken_down,
         scenes=task.scenes,
@@ -167,27 +167,16 @@ def check_against(name: str, rows: Sequence[str], protocol: EvalProtocol = HEADL
         raise UsageError(f"there is no other row than {name}", "add one", option="against")
 
 
-def _trivial_lines(task: EvalTask, options: EvalOptions, progress: Progress) -> list[_Line]:
-    alignments = (Alignment.NONE, Alignment.MEDIAN, *options.alignments)
-    means = fit_trivial(
-        task.dataset,
-        task.split.train,
-        min_m=options.protocol.min_m,
-        max_m=options.protocol.max_m,
-        progress=progress,
-        workers=options.workers,
-    )
-    return [_Line(mean.name, (entry_for(mean, alignments),)) for mean in means]
-
-
-def _lines(task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions) -> list[_Line]:
+def _lines(
+    task: EvalTask, predictors: Sequence[sources.Predictor], options: EvalOptions
+) -> list[_Line]:
     """Predictors with their rows; seeds of a training run stand together."""
-    runs = [p.run for p in predictors if isinstance(p, ModelPredictor) and p.run]
+    runs = [p.run for p in predictors if isinstance(p, sources.ModelPredictor) and p.run]
     group_of = {run.name: name for name, seeds in group_by_seed(runs).items() for run in seeds}
     groups: dict[object, tuple[str, list[Entry]]] = {}
     for predictor in predictors:
         is_run, card = False, None
-        if isinstance(predictor, ModelPredictor):
+        if isinstance(predictor, sources.ModelPredictor):
             is_run, card = predictor.run is not None, predictor.pipeline.card
         name = group_of[predictor.name] if is_run else predictor.name
         overlap = None if card is None else train_overlap(card, task)
@@ -235,53 +224,38 @@ def _training_of(line: _Line) -> report.Training:
     )
 
 
-def _paper_order(row: report.ReportRow) -> tuple[int, str]:
-    """Sort key: other rows, then training runs in the order of the paper, then by name."""
-    if row.training is None:
-        return -1, ""
-    return [*_PAPER_ORDER, row.name].index(row.name), row.name
-
-
 def _is_headline(task: EvalTask, options: EvalOptions) -> bool:
-    return task.split.name == SplitName.PAPER and options.protocol.is_headline
+    return task.split.name == SplitName.PAPER and options.protocol == HEADLINE
 
 
-def _range_note(scored: Sequence[report.ReportRow], options: EvalOptions) -> Iterator[str]:
-    outside, total = scored[0].outside if scored else (0, 0)
+def _notes(
+    task: EvalTask, lines: Sequence[_Line], options: EvalOptions, outside: int, total: int
+) -> Iterator[str]:
+    """Notes on the table; of ``total`` pixels with true depth, some are ``outside`` the range."""
+    split, runs = task.split, [pair for line in lines for pair in line.runs]
     if 2 * outside > total:
         low_m, high_m = options.protocol.min_m, options.protocol.max_m
         yield (
             f"{outside / total:.0%} of the true depth is not between {low_m:g} and {high_m:g} m "
             "and does not count: check its unit and the range"
         )
-
-
-def _notes(task: EvalTask, lines: Sequence[_Line], options: EvalOptions) -> Iterator[str]:
-    split, runs = task.split, [pair for line in lines for pair in line.runs]
     if runs:
         yield "± is the sample standard deviation over the seeds"
         providers = sorted({model.pipeline.session.provider for model, _ in runs})
-        yield (
-            "ms: median of the network alone for one image, onnxruntime on "
-            f"{', '.join(providers)}, measured in turns in this run"
-        )
+        timed = f"onnxruntime on {', '.join(providers)}, measured in turns in this run"
+        yield f"ms: median of the network alone for one image, {timed}"
         short = [run.name for _, run in runs if run.state.epoch < run.config.optim.epochs]
         if short:
             yield f"stopped before their schedule's end: {', '.join(short)}"
         if options.published and split.name != SplitName.PAPER:
-            yield (
-                f"the paper's rows are of its own {report.PUBLISHED_COUNT} test images, "
-                "not of these: their numbers are not comparable"
-            )
+            images = f"its own {report.PUBLISHED_COUNT} test images, not of these"
+            yield f"the paper's rows are of {images}: their numbers are not comparable"
     elif task.is_nyu and not _is_headline(task, options):
-        yield (
-            "the paper's rows belong to the paper split and the headline protocol and are omitted "
-            "here"
-        )
+        rows = "the paper's rows belong to the paper split and the headline protocol"
+        yield f"{rows} and are omitted here"
     if not runs and split.name == SplitName.VAL and len(split.test) != split.test_count:
-        yield (
-            "not all of pairs 1-1000 are here, so the held-out scenes are not those of all of them"
-        )
+        scenes = "the held-out scenes are not those of all of them"
+        yield f"not all of pairs 1-1000 are here, so {scenes}"
     if options.trivial and not split.train:
         yield "no training pair of this split is available: baselines are omitted"
     elif options.trivial and len(split.train) != split.train_count:
@@ -309,7 +283,9 @@ def _row_of(
     entry: Entry, alignment: Alignment, averaging: Averaging, scored: Mapping[str, _ImageSums]
 ) -> report.ReportRow:
     predictor, images = entry.predictor, scored.values()
-    model = predictor.pipeline.session.model if isinstance(predictor, ModelPredictor) else None
+    model = (
+        predictor.pipeline.session.model if isinstance(predictor, sources.ModelPredictor) else None
+    )
     boundaries = [image.boundary for image in images if image.boundary is not None]
     boundary = mean_boundary_scores(boundaries)._asdict() if boundaries else {}
     image_count = sum(image.sums.pixel_count > 0 for image in images)
@@ -338,10 +314,8 @@ def _footnotes(row: report.ReportRow, mark: str) -> Iterator[str]:
     if mark:
         yield mark
     if row.missing_count:
-        pixels = (
-            f"{row.missing_count} of {row.pixel_count} pixels, which count as the nearest depth"
-        )
-        yield f"{name} has no depth in {pixels}"
+        pixels = f"{row.missing_count} of {row.pixel_count} pixels"
+        yield f"{name} has no depth in {pixels}, which count as the nearest depth"
     if count and row.source is not report.Source.TRIVIAL:
         usual = ": its kind of depth may be wrong" if 2 * count > images else ""
         if row.alignment is not Alignment.NONE:
@@ -389,7 +363,7 @@ def _score_image(
     position: int,
 ) -> list[_ImageSums]:
     """The scores of one image for every row; thread-safe."""
-    sample, rows, depth_m = Sample(dataset, position), [], dataset.depth_m(position)
+    sample, rows, depth_m = sources.Sample(dataset, position), [], dataset.depth_m(position)
     raw_depth_m = dataset.raw_depth_m(position) if protocol.mask is Mask.RAW else None
     try:
         truth = protocol.truth(depth_m, raw_depth_m)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -51,12 +50,6 @@ def choose_images(task: EvalTask, ids: Sequence[str] = (), count: int = IMAGES) 
     return tuple(sorted(by_scene[k] for k in chosen))
 
 
-class _FigureRow(NamedTuple):
-    image: UInt8Array  #: (H, W, 3) RGB uint8, gray
-    depths: tuple[DepthMap, ...]  #: prediction of each predictor, then ground truth; metres
-    limits_m: tuple[float, float]  #: near and far end of the colour scale, metres
-
-
 def draw_figures(
     task: EvalTask,
     positions: Sequence[int],
@@ -75,7 +68,7 @@ def draw_figures(
     ids = ", ".join(task.dataset.ids[i] for i in positions)
     rule = f"images {ids} from top to bottom; each row has the range of its truth"
     gray, coloured = (
-        encode_png(contact_sheet([_images_of_row(row, colours) for row in rows], columns))
+        encode_png(contact_sheet([_images_of_row(*row, colours) for row in rows], columns))
         for colours in (Colormap.GRAY, _COLORMAP)
     )
     return (
@@ -86,7 +79,8 @@ def draw_figures(
 
 def _figure_row(
     dataset: DepthDataset, position: int, predictors: Sequence[Predictor]
-) -> _FigureRow:
+) -> tuple[UInt8Array, list[DepthMap], tuple[float, float]]:
+    """Gray image, predictions and ground truth, and the ends of its range, in metres."""
     sample, truth_m = Sample(dataset, position), dataset.depth_m(position)
     image = np.rint(255 * value_channel(sample.frame.pixels)).astype(np.uint8)
     maps = [_fit_to_truth(predictor.predict(sample), truth_m) for predictor in predictors]
@@ -94,7 +88,7 @@ def _figure_row(
     ends = (_CLIPPED_PERCENT, 100 - _CLIPPED_PERCENT)
     near, far = np.percentile(truth_m[valid_mask] if valid_mask.any() else 1.0, ends)
     truth = DepthMap(np.where(valid_mask, truth_m, np.float32(np.nan)))
-    return _FigureRow(np.repeat(image[..., None], 3, 2), (*maps, truth), (float(near), float(far)))
+    return np.repeat(image[..., None], 3, 2), [*maps, truth], (float(near), float(far))
 
 
 def _fit_to_truth(depth: DepthMap, truth_m: Float32Array) -> DepthMap:
@@ -107,12 +101,14 @@ def _fit_to_truth(depth: DepthMap, truth_m: Float32Array) -> DepthMap:
     return DepthMap(metres)
 
 
-def _images_of_row(row: _FigureRow, colormap: Colormap) -> list[UInt8Array]:
+def _images_of_row(
+    image: UInt8Array, depths: list[DepthMap], ends_m: tuple[float, float], colormap: Colormap
+) -> list[UInt8Array]:
     """The cells of a row, of one size; colours have a legend."""
-    (rows, columns), (near, far) = row.image.shape[:2], row.limits_m
+    (rows, columns), (near, far) = image.shape[:2], ends_m
     writer = PreviewWriter(colormap=colormap, vmin=near, vmax=far)
     size = _CELL_WIDTH_PX, max(1, round(rows * _CELL_WIDTH_PX / columns))
-    images = (row.image, *map(writer.render, row.depths))
+    images = (image, *map(writer.render, depths))
     cells = [np.rint(resize_area(i.astype(np.float32), *size)).astype(np.uint8) for i in images]
     if colormap is not Colormap.GRAY:
         cells[-1] = with_legend(cells[-1], colour_table(colormap), near, far, DepthKind.METRIC)

@@ -12,23 +12,17 @@ from string import Template
 
 from depthcli.core.options import one_line
 from depthcli.io.depth.metadata import SOFTWARE
+from depthcli.lab.evaluation import report as reports
 from depthcli.lab.evaluation.figures import Figure
-from depthcli.lab.evaluation.report import (
-    Breakdown,
-    Difference,
-    EvalReport,
-    ReportRow,
-    Source,
-    Training,
-)
 from depthcli.lab.metrics.boundary import HIGHER_IS_BETTER
-from depthcli.lab.metrics.depth import METRICS
+from depthcli.lab.metrics.depth import METRICS, Scores
 from depthcli.lab.options import Part
 
 _TRAINING = ("paired", "seeds", "epochs", "steps", "minutes", "params", "ms")
 _DECIMALS = {"silog": 2, "dbe_acc": 2, "dbe_comp": 2}
 _FEW_SCENES = 12  # with fewer, simulated intervals hold the true difference in less than 90 %
 _TEXT_COLUMNS = 2
+_HTML = Template(Path(__file__).with_name("page.html").read_text("utf-8"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +45,11 @@ class Page:
         return "\n".join([*lines, "", *self.notes])
 
 
-def report_page(report: EvalReport) -> Page:
+def report_page(report: reports.EvalReport) -> Page:
     """The text of a report."""
     training = _TRAINING if report.has_training else ()
+    models = (model for row in report.rows for model in row.seeds or (row,))
+    checksums = (f"{row.name} sha256 {row.model_sha256}" for row in models if row.model_sha256)
     header = ["row", "align", *training, "images", "pixels", *report.columns]
     return Page(
         report.title,
@@ -61,50 +57,46 @@ def report_page(report: EvalReport) -> Page:
         [header, *(_row_cells(row, report) for row in report.rows)],
         _footnotes(report),
         [*_differences(report.differences), *_parts(report.breakdowns)],
-        _model_checksums(report.rows),
+        list(dict.fromkeys(map(one_line, checksums))),
     )
 
 
-def _row_cells(row: ReportRow, report: EvalReport) -> list[str]:
+def _row_cells(row: reports.ReportRow, report: reports.EvalReport) -> list[str]:
     return [
         one_line(row.name) + ("*" if row.note else ""),
         row.alignment or "-",
         *(_training_cells(row.training) if report.has_training else ()),
         str(row.image_count),
         str(row.pixel_count or "-"),
-        *(_score_cell(metric, row) for metric in report.columns),
+        *(_number(name, row.scores.get(name, math.nan), row.std) for name in report.columns),
     ]
 
 
-def _score_cell(metric: str, row: ReportRow) -> str:
-    cell = _number(metric, row.scores.get(metric, math.nan))
-    return f"{cell}±{_number(metric, row.std[metric])}" if row.std and cell != "-" else cell
+def _number(metric: str, value: float, std: Scores | None = None) -> str:
+    decimals = _DECIMALS.get(metric, 4)
+    spread = f"±{std[metric]:.{decimals}f}" if std and metric in std else ""
+    return "-" if math.isnan(value) else f"{value:.{decimals}f}{spread}"
 
 
-def _number(metric: str, value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.{_DECIMALS.get(metric, 4)}f}"
-
-
-def _training_cells(training: Training | None) -> list[str]:
+def _training_cells(training: reports.Training | None) -> list[str]:
     if training is None:
         return ["-"] * len(_TRAINING)
+    epochs, steps = (
+        "-".join(map(str, sorted({min(values), max(values)})))
+        for values in (training.epochs, training.steps)
+    )
     return [
         "yes" if training.paired else "no",
         str(len(training.seeds)),
-        f"{_min_to_max(training.epochs)}/{training.epochs_planned}",
-        _min_to_max(training.steps),
+        f"{epochs}/{training.epochs_planned}",
+        steps,
         f"{sum(training.minutes) / len(training.minutes):.1f}",
         f"{training.parameters / 1e6:.2f}M",
         f"{training.latency_ms:.1f}",
     ]
 
 
-def _min_to_max(values: Sequence[int]) -> str:
-    low, high = min(values), max(values)
-    return str(low) if low == high else f"{low}-{high}"
-
-
-def _footnotes(report: EvalReport) -> list[str]:
+def _footnotes(report: reports.EvalReport) -> list[str]:
     upward = {name for name, metric in METRICS.items() if metric.higher_is_better}
     higher = ", ".join(name for name in report.columns if name in upward | HIGHER_IS_BETTER)
     units, depths = defaultdict[str, list[str]](list), defaultdict[str, list[str]](list)
@@ -113,7 +105,7 @@ def _footnotes(report: EvalReport) -> list[str]:
     units.pop("", None)
     in_units = "".join(f"; {' and '.join(names)} in {unit}" for unit, names in units.items())
     for row in report.rows:
-        if row.source is not Source.PUBLISHED:
+        if row.source is not reports.Source.PUBLISHED:
             depths[row.stated].append(one_line(row.name))
     kinds = (f"{depth} ({', '.join(dict.fromkeys(rows))})" for depth, rows in depths.items())
     empty = sorted({row.empty_count for row in report.rows} - {0})
@@ -126,7 +118,9 @@ def _footnotes(report: EvalReport) -> list[str]:
     ]
 
 
-def _differences(differences: Sequence[Difference]) -> Iterator[tuple[str, list[list[str]]]]:
+def _differences(
+    differences: Sequence[reports.Difference],
+) -> Iterator[tuple[str, list[list[str]]]]:
     """Title and cells of each comparison, header first: means and bounds of the intervals."""
     for name, members in groupby(differences, lambda difference: difference.name):
         group, lines = list(members), [["minus", "align", "", *METRICS]]
@@ -148,7 +142,7 @@ def _interval(scenes: int) -> str:
     return f" and 95 % interval over {scenes} scenes; ! excludes 0{few}"
 
 
-def _parts(breakdowns: Sequence[Breakdown]) -> Iterator[tuple[str, list[list[str]]]]:
+def _parts(breakdowns: Sequence[reports.Breakdown]) -> Iterator[tuple[str, list[list[str]]]]:
     """Title and cells of each breakdown, header first."""
     for breakdown in breakdowns:
         unit = "pixels" if breakdown.by is Part.DISTANCE else "images"
@@ -164,12 +158,6 @@ def _signed(value: float, mark: str = " ") -> str:
     return ("-" if math.isnan(value) else f"{value:+.4f}") + mark
 
 
-def _model_checksums(rows: Sequence[ReportRow]) -> list[str]:
-    models = (model for row in rows for model in row.seeds or (row,))
-    named = (f"{row.name} sha256 {row.model_sha256}" for row in models if row.model_sha256)
-    return list(dict.fromkeys(map(one_line, named)))
-
-
 def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
     """Lines with text columns left-aligned and numbers right-aligned."""
     widths = [max(len(cell) for cell in column) for column in zip(*table, strict=True)]
@@ -179,9 +167,6 @@ def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
             for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
         ]
         yield "  ".join(padded).rstrip()
-
-
-_HTML = Template(Path(__file__).with_name("page.html").read_text("utf-8"))
 
 
 def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:

@@ -27,8 +27,8 @@ from depthcli.lab.datasets.base import DepthDataset, Pair
 from depthcli.lab.datasets.folders import as_dataset_error
 from depthcli.lab.datasets.layouts import list_files
 from depthcli.lab.datasets.prompts import Pattern, Prompt
+from depthcli.lab.evaluation.protocol import HEADLINE, EvalProtocol
 from depthcli.lab.evaluation.report import Source
-from depthcli.lab.metrics.depth import MAX_DEPTH_M, MIN_DEPTH_M
 from depthcli.lab.training.provenance import TrainedRun
 
 SUFFIXES = tuple(f"{middle}{f.facts.file_suffix}" for f in READABLE for middle in ("", ".depth"))
@@ -132,10 +132,7 @@ class FilePredictor(Predictor):
 def open_predictions(
     folder: Path, samples: Sequence[Sample], reading: DepthReadOptions = AS_STATED
 ) -> FilePredictor:
-    """Check that a folder has ``ID.npy``, or another of :data:`SUFFIXES`, for every image.
-
-    In place of the id, a file may be named as the image, with the folders that make it unique.
-    """
+    """Check that a folder has a file for every image, named by its id (``ID.npy``) or as it is."""
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder", "give one that holds ID.npy, .exr or .png")
     ids, by_suffix = (
@@ -145,11 +142,10 @@ def open_predictions(
     missing = {suffix: [i for i in ids if i not in files] for suffix, files in by_suffix.items()}
     suffix = min(SUFFIXES, key=lambda s: len(missing[s]))
     if missing[suffix]:
-        raise DatasetError(
-            f"{folder} lacks {len(missing[suffix])} of {len(ids)} predictions "
-            f"(first: {missing[suffix][0]}{suffix})",
-            "every image of the split needs one that is named by its id, or as the image",
-        )
+        message = f"lacks {len(missing[suffix])} of {len(ids)} predictions"
+        example = f"(first: {missing[suffix][0]}{suffix})"
+        advice = "every image of the split needs one that is named by its id, or as the image"
+        raise DatasetError(f"{folder} {message} {example}", advice)
     files = {i: by_suffix[suffix][i] for i in ids}
     if several := next((paths for paths in files.values() if len(paths) > 1), None):
         raise DatasetError(f"{several[0]} and {several[1]} are of one image", "remove one")
@@ -212,13 +208,11 @@ class TrivialPredictor(Predictor):
 def fit_trivial(
     dataset: DepthDataset,
     train: Sequence[int],
-    *,
-    min_m: float = MIN_DEPTH_M,
-    max_m: float = MAX_DEPTH_M,
+    protocol: EvalProtocol = HEADLINE,
     progress: Progress = NO_PROGRESS,
     workers: int = 0,
 ) -> tuple[TrivialPredictor, ...]:
-    """Constant and per-pixel mean of the training depth between ``min_m`` and ``max_m``.
+    """Constant and per-pixel mean of the training depth in the range of the protocol.
 
     Each pair is read once, in constant memory; with 0 workers, by the calling thread.
     """
@@ -231,7 +225,7 @@ def fit_trivial(
             if depth_m.shape != sums.shape:
                 message = f"depth of {dataset.ids[i]} has another size than the others"
                 raise DatasetError(message, "leave out the baselines with {no_trivial}")
-            valid_mask = (depth_m > min_m) & (depth_m < max_m)
+            valid_mask = (depth_m > protocol.min_m) & (depth_m < protocol.max_m)
             np.add(sums, depth_m, out=sums, where=valid_mask)
             counts += valid_mask
             advance(1)

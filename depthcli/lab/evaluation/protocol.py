@@ -43,24 +43,16 @@ class EvalProtocol:
     averaging: Averaging = Averaging.IMAGE  #: per image or over pooled pixels
     crop: Crop = Crop.NONE  #: part of the frame that is evaluated
     mask: Mask = Mask.FILLED  #: pixels that have ground truth
-    #: (width, height) to which ground truth and prediction are resized before they are compared;
-    #: None for the ground truth's size
-    compare_px: tuple[int, int] | None = None
-    #: upsampling of the models' depth to the image's size
-    upsampling: Upsampling = Upsampling.BILINEAR
-    #: width of the models' tiles in pixels; None for no tiles, 0 for 3/4 of the width
-    tile_px: int | None = None
-    #: (width, height) that the ground truth must have; None for any
-    full_size_px: tuple[int, int] | None = FULL_SIZE_PX
+    compare_px: tuple[int, int] | None = (
+        None  #: (width, height) to resize both to; None for truth's
+    )
+    upsampling: Upsampling = Upsampling.BILINEAR  #: of the models' depth to the image's size
+    tile_px: int | None = None  #: width of the models' tiles; None for no tiles, 0 for 3/4 of it
+    full_size_px: tuple[int, int] | None = FULL_SIZE_PX  #: (width, height) of truth; None for any
     min_m: float = MIN_DEPTH_M  #: smallest depth evaluated, metres; predictions are clamped to it
     max_m: float = MAX_DEPTH_M  #: largest depth evaluated, metres; predictions are clamped to it
     #: also compute boundary metrics; this changes neither the other metrics nor the name
     boundary: bool = field(default=False, compare=False)
-
-    @property
-    def is_headline(self) -> bool:
-        """Whether every choice is the headline's."""
-        return self == HEADLINE
 
     @property
     def name(self) -> str:

@@ -17,17 +17,21 @@ from typing import Any
 from depthcli.io.depth.metadata import SOFTWARE
 from depthcli.lab.datasets.base import ALL_PAIRS, HELD_OUT
 from depthcli.lab.evaluation.protocol import EvalProtocol
+from depthcli.lab.metrics import depth as metrics
 from depthcli.lab.metrics.boundary import BoundaryScores
-from depthcli.lab.metrics.depth import (
-    METRICS,
-    DepthPixels,
-    PixelSums,
-    Scores,
-    finite_or_none,
-    in_full,
-    mean_of,
-)
 from depthcli.lab.options import Alignment, Part, SplitName
+
+_EDGES_M = (1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 40.0, 80.0)
+_WORST_COUNT = 10
+_WORST_BY = "abs_rel"
+_NUMBER = re.compile(r"[_/-]?\d+[a-z]?$")  # kitchen_0004, living_room_0012b
+_TITLES = {
+    Part.DISTANCE: "error by distance: true depth in metres, over the pixels of all images",
+    Part.SCENE: "error by scene kind: names of scenes without their number, mean of images",
+    Part.IMAGE: f"error by image: the {_WORST_COUNT} of each row with the largest {_WORST_BY}",
+}
+PUBLISHED_COUNT = 449
+_PAPER = tomllib.loads(Path(__file__).with_name("published.toml").read_text("utf-8"))
 
 
 class Source(StrEnum):
@@ -72,7 +76,7 @@ class PartScores:
     part: str  #: name of the part
     row: str  #: name of the row, and its alignment
     count: int  #: pixels, or images
-    scores: Scores
+    scores: metrics.Scores
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,13 +93,13 @@ class ImageScores:
     """Scores of one image; all NaN if it has no valid pixel."""
 
     id: str
-    scores: Scores
+    scores: metrics.Scores
 
 
-def mean_of_images(images: Iterable[ImageScores]) -> Scores:
+def mean_of_images(images: Iterable[ImageScores]) -> metrics.Scores:
     """Mean over the images with a valid pixel; NaN if none has one."""
     scores = (image.scores for image in images)
-    return mean_of([each for each in scores if any(map(math.isfinite, each.values()))])
+    return metrics.mean_of([each for each in scores if any(map(math.isfinite, each.values()))])
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,24 +124,23 @@ class ReportRow:
     source: Source  #: origin of its scores
     alignment: Alignment | None  #: alignment per image; None if a published row does not state it
     image_count: int  #: number of images
-    scores: Scores  #: averages over the images, with boundary scores if requested
+    scores: metrics.Scores  #: averages over the images, with boundary scores if requested
     empty_count: int = 0  #: images without a valid pixel, which are excluded
     note: str = ""  #: a footnote
     model_sha256: str | None = None  #: checksum of the model, if it is one
     images: tuple[ImageScores, ...] = ()  #: scores per image, if requested
-    by_distance: tuple[tuple[PixelSums, ...], ...] = ()  #: the same, of each range of true depth
-    #: number of these images that the model was trained on; None if unknown
-    train_overlap: int | None = None
+    by_distance: tuple[
+        tuple[metrics.PixelSums, ...], ...
+    ] = ()  #: the same, of each range of true depth
+    train_overlap: int | None = None  #: images that the model was trained on; None if unknown
     reversed_count: int = 0  #: images whose order of depth the alignment reversed
     stated: str = "-"  #: kind and unit of the predictions and who states them
     pixel_count: int = 0  #: pixels that are compared; 0 if it is not known
     missing_count: int = 0  #: pixels of them without a prediction
-    #: pixels whose true depth is outside the range, and all with true depth
-    outside: tuple[int, int] = (0, 0)
+    outside: tuple[int, int] = (0, 0)  #: pixels with true depth outside the range, and all with it
     training: Training | None = None  #: None for a row that is no training run
     seeds: "tuple[ReportRow, ...]" = ()  #: of a training run, the row of each seed
-    #: of a training run, the sample standard deviation over its seeds; None for fewer than two
-    std: Scores | None = None
+    std: metrics.Scores | None = None  #: sample standard deviation over seeds, if there are some
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,8 +157,7 @@ class EvalReport:
     notes: tuple[str, ...] = ()  #: footnotes of the table
     differences: tuple[Difference, ...] = ()  #: between one row and every other, if requested
     breakdowns: tuple[Breakdown, ...] = ()  #: scores of parts, if requested
-    #: scene of each image by its id, if rows have scores of each image
-    scenes: Mapping[str, str] = field(default_factory=dict)
+    scenes: Mapping[str, str] = field(default_factory=dict)  #: of images by id, if rows score them
 
     @property
     def has_training(self) -> bool:
@@ -179,7 +181,7 @@ class EvalReport:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the scores."""
-        return (*METRICS, *(BoundaryScores._fields if self.protocol.boundary else ()))
+        return (*metrics.METRICS, *(BoundaryScores._fields if self.protocol.boundary else ()))
 
     def to_json(self) -> str:
         """The report as JSON; NaN becomes null."""
@@ -199,7 +201,7 @@ class EvalReport:
             "protocol": protocol,
             "metrics": {
                 metric.name: {"higher_is_better": metric.higher_is_better, "unit": metric.unit}
-                for metric in METRICS.values()
+                for metric in metrics.METRICS.values()
             },
             "rows": [_row_json(row) for row in self.rows],
             "notes": self.notes,
@@ -212,7 +214,7 @@ class EvalReport:
             }
         if self.scenes and any(row.images for row in self.rows):
             document["scenes"] = dict(self.scenes)
-        return json.dumps(finite_or_none(document), indent=2)
+        return json.dumps(metrics.finite_or_none(document), indent=2)
 
     def to_csv(self) -> str:
         """One line per row, each with split, number of images and protocol."""
@@ -235,7 +237,7 @@ class EvalReport:
         for name in self.columns:
             yield name, _csv_number(row.scores.get(name, math.nan))
         if row.training:
-            for name in METRICS:
+            for name in metrics.METRICS:
                 yield f"{name}_sd", _csv_number(row.std[name]) if row.std else ""
 
 
@@ -267,7 +269,7 @@ def _row_json(row: ReportRow) -> dict[str, Any]:
         "images_without_valid_pixel": row.empty_count,
         "depth": row.stated,
         "pixels": row.pixel_count or None,
-        "scores": in_full(row.scores),
+        "scores": metrics.in_full(row.scores),
     }
     optional = {
         "images_trained_on": row.train_overlap,
@@ -278,7 +280,9 @@ def _row_json(row: ReportRow) -> dict[str, Any]:
     }
     entry |= {name: value for name, value in optional.items() if value is not None}
     if row.images:
-        entry["per_image"] = [{"id": image.id, **in_full(image.scores)} for image in row.images]
+        entry["per_image"] = [
+            {"id": image.id, **metrics.in_full(image.scores)} for image in row.images
+        ]
     if row.training is not None:
         entry["standard_deviation"] = row.std
         entry["training"] = asdict(row.training) | {
@@ -294,19 +298,8 @@ def _difference_json(difference: Difference) -> dict[str, Any]:
         "row": difference.name,
         "minus": difference.other,
         "align": difference.alignment,
-        "intervals": dict(zip(METRICS, map(asdict, difference.intervals), strict=True)),
+        "intervals": dict(zip(metrics.METRICS, map(asdict, difference.intervals), strict=True)),
     }
-
-
-_EDGES_M = (1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 40.0, 80.0)
-_WORST_COUNT = 10
-_WORST_BY = "abs_rel"
-_NUMBER = re.compile(r"[_/-]?\d+[a-z]?$")  # kitchen_0004, living_room_0012b
-_TITLES = {
-    Part.DISTANCE: "error by distance: true depth in metres, over the pixels of all images",
-    Part.SCENE: "error by scene kind: names of scenes without their number, mean of images",
-    Part.IMAGE: f"error by image: the {_WORST_COUNT} of each row with the largest {_WORST_BY}",
-}
 
 
 def distance_ranges(protocol: EvalProtocol) -> list[tuple[float, float]]:
@@ -317,15 +310,15 @@ def distance_ranges(protocol: EvalProtocol) -> list[tuple[float, float]]:
 
 
 def sums_by_distance(
-    pixels: DepthPixels, ranges: Iterable[tuple[float, float]]
-) -> tuple[PixelSums, ...]:
+    pixels: metrics.DepthPixels, ranges: Iterable[tuple[float, float]]
+) -> tuple[metrics.PixelSums, ...]:
     """Sums of the pixels of one image whose true depth is in each range."""
     sums = []
     for near_m, far_m in ranges:
         inside = (pixels.truth >= near_m) & (pixels.truth < far_m)
         clamp = pixels.min_m, pixels.max_m
-        part = DepthPixels(pixels.truth[inside], pixels.prediction[inside], *clamp)
-        sums.append(PixelSums.of(part))
+        part = metrics.DepthPixels(pixels.truth[inside], pixels.prediction[inside], *clamp)
+        sums.append(metrics.PixelSums.of(part))
     return tuple(sums)
 
 
@@ -351,7 +344,7 @@ def _by_distance(
 ) -> Iterator[PartScores]:
     for i, (near_m, far_m) in enumerate(ranges):
         for row in rows:
-            total = reduce(PixelSums.__add__, (sums[i] for sums in row.by_distance))
+            total = reduce(metrics.PixelSums.__add__, (sums[i] for sums in row.by_distance))
             name = f"{near_m:g}-{far_m:g} m"
             yield PartScores(name, _label(row), total.pixel_count, total.scores())
 
@@ -379,15 +372,13 @@ def _label(row: ReportRow) -> str:
     return row.name if row.alignment is Alignment.NONE else f"{row.name}, {row.alignment}"
 
 
-PUBLISHED_COUNT = 449
-_PAPER = tomllib.loads(Path(__file__).with_name("published.toml").read_text("utf-8"))
 PUBLISHED = tuple(
     ReportRow(
         name=f"{name} (paper)",
         source=Source.PUBLISHED,
         alignment=None,
         image_count=PUBLISHED_COUNT,
-        scores=in_full(dict(zip(_PAPER["metrics"], scores, strict=True))),
+        scores=metrics.in_full(dict(zip(_PAPER["metrics"], scores, strict=True))),
         note=_PAPER["notes"].get(name, ""),
     )
     for name, scores in _PAPER["rows"].items()

@@ -9,23 +9,16 @@ from typing import Any
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import UsageError
 from depthcli.io.storage.paths import read_bytes
+from depthcli.lab.evaluation import report as table
 from depthcli.lab.evaluation.evaluate import differences_from
 from depthcli.lab.evaluation.protocol import EvalProtocol
-from depthcli.lab.evaluation.report import (
-    Difference,
-    EvalReport,
-    ImageScores,
-    ReportRow,
-    Source,
-    mean_of_images,
-)
 from depthcli.lab.metrics.depth import METRICS, Metric, Scores
 from depthcli.lab.options import Alignment, Averaging
 
 _WORDS = ("name", "description")  # of a protocol, made of its other fields
 
 
-def read_report(path: Path) -> EvalReport:
+def read_report(path: Path) -> table.EvalReport:
     """The report of ``eval --json``, with scores of each image if it has them."""
     try:
         document: Any = parsed_json(read_bytes(path))
@@ -34,7 +27,7 @@ def read_report(path: Path) -> EvalReport:
         for name, facts in document.get("metrics", {}).items():
             metric = Metric(name, lambda _: (math.nan,), float, **facts, is_whole=True)
             METRICS.setdefault(name, metric)
-        return EvalReport(
+        return table.EvalReport(
             dataset=document["dataset"],
             split=split["name"],
             image_count=split["images"],
@@ -49,10 +42,10 @@ def read_report(path: Path) -> EvalReport:
         raise UsageError(f"{path} is not a report of 'depthcli eval --json'") from error
 
 
-def _row(row: Mapping[str, Any]) -> ReportRow:
-    return ReportRow(
+def _row(row: Mapping[str, Any]) -> table.ReportRow:
+    return table.ReportRow(
         name=row["name"],
-        source=Source(row["source"]),
+        source=table.Source(row["source"]),
         alignment=None if row["align"] is None else Alignment(row["align"]),
         image_count=row["images"],
         scores=_scores(row["scores"]),
@@ -61,7 +54,7 @@ def _row(row: Mapping[str, Any]) -> ReportRow:
         note=row.get("note", ""),
         model_sha256=row.get("model_sha256"),
         images=tuple(
-            ImageScores(image["id"], _scores(image)) for image in row.get("per_image", ())
+            table.ImageScores(image["id"], _scores(image)) for image in row.get("per_image", ())
         ),
         train_overlap=row.get("images_trained_on"),
     )
@@ -73,7 +66,7 @@ def _scores(values: Mapping[str, Any]) -> Scores:
     return {name: math.nan if value is None else value for name, value in scores}
 
 
-def compare_reports(first: Path, second: Path) -> EvalReport:
+def compare_reports(first: Path, second: Path) -> table.EvalReport:
     """The rows of two reports, and differences of the first's from the second's.
 
     If both have scores of each image, all are of the images that both have. Notes of one report
@@ -90,7 +83,7 @@ def compare_reports(first: Path, second: Path) -> EvalReport:
         [
             replace(row, name=f"{row.name} ({label})", note=row.note and f"{label}: {row.note}")
             for row in report.rows
-            if row.source in {Source.MODEL, Source.FILES}
+            if row.source in {table.Source.MODEL, table.Source.FILES}
         ]
         for report, label in zip(reports, labels, strict=True)
     ]
@@ -102,7 +95,7 @@ def compare_reports(first: Path, second: Path) -> EvalReport:
         return replace(base, rows=(*halves[0], *halves[1]), notes=(*notes, note))
     minuends, others = ([_part_of(row, shared) for row in half] for half in halves)
     scenes = {name: base.scenes.get(name, f"/{name}") for name in shared}
-    differences = list[Difference]()
+    differences = list[table.Difference]()
     for name, rows in _by_name(minuends).items():
         differences += differences_from(name, {name: rows, **_by_name(others)}, scenes)
     return replace(
@@ -115,14 +108,14 @@ def compare_reports(first: Path, second: Path) -> EvalReport:
     )
 
 
-def _notes(reports: Sequence[EvalReport], labels: Sequence[str]) -> Iterator[str]:
+def _notes(reports: Sequence[table.EvalReport], labels: Sequence[str]) -> Iterator[str]:
     for report, label in zip(reports, labels, strict=True):
         for note in report.notes:
             is_shared = all(note in other.notes for other in reports)
             yield note if is_shared else f"{label}: {note}"
 
 
-def _part_of(row: ReportRow, shared: set[str]) -> ReportRow:
+def _part_of(row: table.ReportRow, shared: set[str]) -> table.ReportRow:
     images = sorted(
         (image for image in row.images if image.id in shared), key=lambda image: image.id
     )
@@ -130,8 +123,8 @@ def _part_of(row: ReportRow, shared: set[str]) -> ReportRow:
         return replace(row, images=tuple(images))
     part = replace(row, images=tuple(images), image_count=len(images), pixel_count=0)
     overlap = 0 if row.train_overlap == 0 else None  # of some of the images, it is not known
-    return replace(part, scores=mean_of_images(images), train_overlap=overlap)
+    return replace(part, scores=table.mean_of_images(images), train_overlap=overlap)
 
 
-def _by_name(rows: Sequence[ReportRow]) -> dict[str, list[ReportRow]]:
+def _by_name(rows: Sequence[table.ReportRow]) -> dict[str, list[table.ReportRow]]:
     return {name: [row for row in rows if row.name == name] for name in (r.name for r in rows)}

@@ -12,7 +12,6 @@ import numpy as np
 from depthcli.errors import DatasetError, UsageError
 from depthcli.lab.datasets import base
 from depthcli.lab.datasets.training_data import own_pairs_title
-from depthcli.lab.evaluation.predictors import Sample
 from depthcli.lab.evaluation.protocol import FULL_SIZE_PX
 from depthcli.lab.options import SplitName
 from depthcli.lab.training.provenance import TrainedRun, common_ids
@@ -29,8 +28,7 @@ class EvalTask:
 
     dataset: base.DepthDataset  #: the pairs
     split: base.Split  #: the split, with all of its pairs that the data set has
-    #: positions of the images to evaluate: all test images of the split, or fewer
-    test: tuple[int, ...]
+    test: tuple[int, ...]  #: positions of the images to evaluate: of the split, or fewer
     title: str = base.NYU  #: name of the data set in tables
 
     @property
@@ -42,11 +40,6 @@ class EvalTask:
     def ids(self) -> tuple[str, ...]:
         """Ids of the images to evaluate."""
         return tuple(self.dataset.ids[i] for i in self.test)
-
-    @property
-    def samples(self) -> list[Sample]:
-        """The images to evaluate."""
-        return [Sample(self.dataset, i) for i in self.test]
 
     @property
     def scenes(self) -> dict[str, str]:

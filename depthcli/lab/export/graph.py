@@ -26,13 +26,11 @@ INPUT, OUTPUT = "image", "depth"
 _TRACED_SIZE = (96, 128)
 _KNOWN = 0.02  # share of known depth in comparisons
 _MIN_FLOAT16_SIZE = 64  # small tensors, such as biases, gain nothing from half precision
+TOLERANCE, FLOAT16_TOLERANCE, INT8_TOLERANCE = 1e-3, 2e-2, 2e-1
 
 
 def build_graph(generator: nn.Module, *, opset: int = OPSET) -> onnx.ModelProto:
-    """A checked model of a generator, with dynamic batch, height and width, and IR version 8.
-
-    Its inputs are (B, C, H, W) in [-1, 1] and, if it follows known depth, that and its mask.
-    """
+    """A checked model of a generator, with dynamic batch, height and width, and IR version 8."""
     network = fold_batch_norm(generator)
     example = torch.zeros(2, _channels(generator), *_TRACED_SIZE)
     inputs = example, *prompts_for(network, example)
@@ -114,11 +112,6 @@ def weights_to_float16(model: onnx.ModelProto) -> None:
     graph.node.extend(nodes)
 
 
-TOLERANCE = 1e-3
-FLOAT16_TOLERANCE = 2e-2
-INT8_TOLERANCE = 2e-1
-
-
 @dataclass(frozen=True, slots=True)
 class Parity:
     """Differences between the runtimes, in units of the raw output (range about [-1, 1])."""
@@ -156,10 +149,8 @@ def check_parity(
             largest = max(largest, float(np.nan_to_num(difference.max(), nan=np.inf)))
             worst_mean = max(worst_mean, float(difference.mean()))
     if largest > tolerance:
-        raise ParityError(
-            f"torch and onnxruntime differ by up to {largest:.2g}, more than {tolerance:g}; "
-            "nothing was written"
-        )
+        message = f"torch and onnxruntime differ by up to {largest:.2g}, more than {tolerance:g}"
+        raise ParityError(f"{message}; nothing was written")
     return Parity(largest, worst_mean, cases, tolerance)
 
 

@@ -23,21 +23,24 @@ from depthcli.models import card as cards
 from depthcli.models import catalog
 from depthcli.models.card import ModelCard
 
+MODEL_NAME = "model.onnx"
+_FULL_STRIDE = 4
+
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
     """Options of an export."""
 
     name: str = "custom"  #: of the model
-    version: str = "1.0.0"  #: of the model
-    half: bool = False  #: store weights as float16; computations are in float32
+    model_version: str = "1.0.0"  #: of the model
+    fp16: bool = False  #: store weights as float16; computations are in float32
+    int8: Path | None = None  #: folder of images to calibrate int8; None for no int8
     opset: int = graph.OPSET  #: ONNX opset version
     #: maximum difference between torch and onnxruntime; None for the default
     tolerance: float | None = None
-    int8_images: Path | None = None  #: folder of images to calibrate int8; None for no int8
-    license: str = "NOASSERTION"  #: of the weights, an SPDX identifier
+    license_name: str = "NOASSERTION"  #: of the weights, an SPDX identifier
     #: horizontal field of view of the training images, degrees; None for that of the checkpoint
-    hfov_deg: float | None = None
+    hfov: float | None = None
     depth_factor: float = 1.0  #: on depth, which corrects a bias that was measured
     float_model: str | None = None  #: name of the model that replaces an int8 one off the CPU
     #: the moving average, if the run has one, or the weights of the last step
@@ -48,12 +51,8 @@ class ExportOptions:
         """Maximum difference that the parity check accepts."""
         if self.tolerance is not None:
             return self.tolerance
-        tolerance = graph.FLOAT16_TOLERANCE if self.half else graph.TOLERANCE
-        return tolerance if self.int8_images is None else graph.INT8_TOLERANCE
-
-
-MODEL_NAME = "model.onnx"
-_FULL_STRIDE = 4
+        tolerance = graph.FLOAT16_TOLERANCE if self.fp16 else graph.TOLERANCE
+        return tolerance if self.int8 is None else graph.INT8_TOLERANCE
 
 
 def card_path(model: Path) -> Path:
@@ -67,7 +66,7 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
     config, data, output = saved.config, saved.config.data, saved.config.output
     codec = output.codec.times(options.depth_factor)
     run_deg = saved.provenance.hfov_deg
-    hfov_deg = run_deg if options.hfov_deg is None else options.hfov_deg
+    hfov_deg = run_deg if options.hfov is None else options.hfov
     if run_deg not in (hfov_deg, None):
         # Depth from cameras.csv is already scaled to the known camera, whatever the true lens.
         message = f"contradicts the checkpoint, whose depth is that of a camera of {run_deg:g}°"
@@ -76,9 +75,9 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
     min_m = output.min_m if output.coding == "log" else MIN_DEPTH_M
     card = ModelCard(
         name=options.name,
-        version=options.version,
+        version=options.model_version,
         summary=f"{config.method}, {config.generator.name} generator, {saved.provenance.data}",
-        license=options.license,
+        license=options.license_name,
         input=cards.InputSpec(
             colour=cards.Colour(data.colour),
             width=data.width,
@@ -109,7 +108,7 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
 def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]:
     state, provenance = saved.state, saved.provenance
     averaged = saved.ema_generator is None or options.weights is Weights.AVERAGED
-    is_int8, is_corrected = options.int8_images is not None, options.depth_factor != 1
+    is_int8, is_corrected = options.int8 is not None, options.depth_factor != 1
     nyu = provenance.seen_ids.get(datasets.NYU, ())
     repeated = common_ids(provenance.data, provenance.held_out_ids, provenance.seen_ids)
     # Parity keeps float16 near the weights that were validated; the others differ from them.
@@ -133,7 +132,7 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
         },
         "weights": None if averaged else str(Weights.RAW),
         "depth_factor": options.depth_factor if is_corrected else None,
-        "precision": "int8" if is_int8 else "float16" if options.half else None,
+        "precision": "int8" if is_int8 else "float16" if options.fp16 else None,
         "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
     }
     return {name: value for name, value in facts.items() if value is not None}
@@ -156,15 +155,19 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     generator, saved = load_generator(checkpoint, options.weights)
     model = graph.build_graph(generator, opset=options.opset)
     card = card_of(saved, options)
-    folder = options.int8_images
+    folder = options.int8
     images = [] if folder is None else int8.calibration_batches(folder, card.input)
     if images:
         model = int8.quantize(model, images, generator)
-    elif options.half:
+    elif options.fp16:
         graph.weights_to_float16(model)
     helper.set_model_props(model, {cards.METADATA_KEY: card.to_json()})
     data = model.SerializeToString()
-    cases = _parity_cases(card.input)[: 1 if images else None]
+    # Nominal size, a batch, other aspect ratios, a larger size.
+    height, width, step = card.input.height, card.input.width, card.input.multiple_of
+    half, twice = max(step, height // 2 // step * step), (1, 2 * height, 2 * width)
+    others = (3, height, width), (1, width, height), (2, half, width), twice
+    cases = (1, height, width), *(() if images else others)
     parity = graph.check_parity(generator, data, cases, options.max_difference, images)
     card = dataclasses.replace(
         card, file=out.name, sha256=hashlib.sha256(data).hexdigest(), size_bytes=len(data)
@@ -177,14 +180,6 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
         path.write_bytes(data)
         card_file.write_text(card.to_json(), "utf-8")
     return ExportResult(out, card, parity)
-
-
-def _parity_cases(spec: cards.InputSpec) -> tuple[tuple[int, int, int], ...]:
-    """(batch, height, width): nominal size, a batch, other aspect ratios, a larger size."""
-    height, width = spec.height, spec.width
-    half = max(spec.multiple_of, height // 2 // spec.multiple_of * spec.multiple_of)
-    nominal, turned, twice = (1, height, width), (1, width, height), (1, 2 * height, 2 * width)
-    return nominal, (3, height, width), turned, (2, half, width), twice
 
 
 def find_runs(folder: Path) -> tuple[Path, ...]:

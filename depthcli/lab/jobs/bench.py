@@ -3,8 +3,10 @@
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import count, takewhile
 from pathlib import Path
 
 import cv2
@@ -23,6 +25,7 @@ from depthcli.io.storage.temporary import temporary_folder
 
 _ROUNDS = 3
 _MIN_RUNS = 5
+_MIN_IMAGES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +72,6 @@ def network_run(pipeline: Pipeline) -> Callable[[], object]:
     return lambda: pipeline.session.run(batch)
 
 
-_MIN_IMAGES = 5
-
-
 @dataclass(frozen=True, slots=True)
 class BenchResult:
     """The measurements of a model."""
@@ -110,10 +110,9 @@ def run_bench(
         warn(warning)
     batch, _ = prepare(card.input, frame)
     with temporary_folder() as folder:
-        (network,) = measure_latencies([lambda: session.run(batch)], seconds)
-        (end_to_end,) = measure_latencies(
-            [lambda: _predict_and_write(alone, image, folder / "alone.png")], seconds
-        )
+        whole = partial(_predict_and_write, alone, image, folder / "alone.png")
+        (network,) = measure_latencies([partial(session.run, batch)], seconds)
+        (end_to_end,) = measure_latencies([whole], seconds)
         rate = throughput(shared, image, folder, workers, seconds)
     facts = (card.name, session.model.sha256, session.provider, workers, threads)
     return BenchResult(*facts, network, end_to_end, rate, peak_memory_mb())
@@ -148,18 +147,13 @@ def throughput(
     pipeline: Pipeline, image: bytes, folder: Path, workers: int, seconds: float
 ) -> float:
     """Images per second, from the end of the first one to that of the last."""
-
-    def numbers() -> Iterator[int]:
-        end_s = time.perf_counter() + seconds
-        number = 0
-        while number < 2 * workers + _MIN_IMAGES or time.perf_counter() < end_s:
-            yield number
-            number += 1
+    end_s, least = time.perf_counter() + seconds, 2 * workers + _MIN_IMAGES
 
     def work(number: int) -> float:
         _predict_and_write(pipeline, image, folder / f"{number % (2 * workers)}.png")
         return time.perf_counter()
 
+    numbers = takewhile(lambda number: number < least or time.perf_counter() < end_s, count())
     with one_thread_each(workers):
-        ends_s = sorted(ordered_map(work, numbers(), workers=workers))
+        ends_s = sorted(ordered_map(work, numbers, workers=workers))
     return (len(ends_s) - 1) / (ends_s[-1] - ends_s[0])

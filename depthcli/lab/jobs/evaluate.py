@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Self
 
@@ -19,15 +20,9 @@ from depthcli.lab.datasets.nyu import is_nyu, open_nyu
 from depthcli.lab.datasets.prompts import Prompt
 from depthcli.lab.datasets.training_data import open_pairs
 from depthcli.lab.evaluation import evaluate as table
+from depthcli.lab.evaluation import predictors as sources
 from depthcli.lab.evaluation.figures import Figure, choose_images, draw_figures
 from depthcli.lab.evaluation.page import Page, html_page
-from depthcli.lab.evaluation.predictors import (
-    TRIVIAL_NAMES,
-    ModelPredictor,
-    Predictor,
-    open_model,
-    open_predictions,
-)
 from depthcli.lab.evaluation.report import EvalReport
 from depthcli.lab.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
 from depthcli.lab.jobs.bench import measure_latencies, network_run
@@ -49,8 +44,7 @@ class EvalRequest:
     predictions_reading: DepthReadOptions = AS_STATED  #: what is known about those files
     runs: Path | None = None  #: a training run or the folder of several; its seeds are one row
     weights: Weights = Weights.AVERAGED  #: of the runs: moving average, if there is one, or last
-    #: provider and threads of the runs; its model is not used
-    runner: SessionLoader = field(default_factory=SessionLoader)
+    runner: SessionLoader = field(default_factory=SessionLoader)  #: of runs, with another model
     prompt: Prompt | None = None  #: known depth that the models are given; None for none
     anchors_fit: AnchorsFit | None = None  #: to that; None for the best that each model can
     truth: DepthReadOptions = AS_STATED  #: what is known about the depth of a custom folder
@@ -59,11 +53,6 @@ class EvalRequest:
     limit: int | None = None  #: maximum number of images, evenly over the split; None for all
     options: table.EvalOptions = table.HEADLINE_TABLE  #: options of the table
     shown_ids: tuple[str, ...] | None = None  #: of the figures; empty for some of each scene type
-
-    @property
-    def detail(self) -> UpsamplingOptions:
-        """Upsampling and tiles of the models' depth."""
-        return UpsamplingOptions(self.options.protocol.upsampling, self.options.protocol.tile_px)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,28 +75,30 @@ def run_evaluation(
     if request.split is SplitName.VAL and any(data_set(run.provenance.data) != NYU for run in runs):
         request = _on_own_pairs(request, runs)
     task = _plan_task(request, runs)
-    options = request.options
+    options, protocol = request.options, request.options.protocol
+    detail = UpsamplingOptions(protocol.upsampling, protocol.tile_px)
     positions = () if request.shown_ids is None else choose_images(task, request.shown_ids)
-    trivial = TRIVIAL_NAMES if options.trivial and task.split.train else ()
+    trivial = sources.TRIVIAL_NAMES if options.trivial and task.split.train else ()
     if not (request.models or request.predictions or runs or trivial):
         advice = "give {model} or {predictions}, or the training pairs of the split for baselines"
         raise UsageError("nothing to compare", advice)
     if runs and options.against is not None:  # before the export
-        table.check_against(options.against, [*trivial, *group_by_seed(runs)], options.protocol)
-    if options.protocol.mask is Mask.RAW:
+        table.check_against(options.against, [*trivial, *group_by_seed(runs)], protocol)
+    if protocol.mask is Mask.RAW:
         task.dataset.raw_depth_m(task.test[0])  # before the models are loaded
     with temporary_folder() as folder:
         prompt, reading = (request.prompt, request.anchors_fit), request.predictions_reading
-        models = [open_model(loader, request.detail, *prompt) for loader in request.models]
+        models = [sources.open_model(loader, detail, *prompt) for loader in request.models]
         if runs:
-            models += _load_runs(request, runs, folder, progress, failed)
-        files = [open_predictions(path, task.samples, reading) for path in request.predictions]
+            models += _load_runs(request, runs, detail, folder, progress, failed)
+        images = [sources.Sample(task.dataset, i) for i in task.test]
+        files = [sources.open_predictions(path, images, reading) for path in request.predictions]
         warnings = [] if runs else [task.dataset.warnings]  # of which training told
         warnings += [model.pipeline.session.warnings for model in models]
         warnings += [file.warnings for file in files]
         for text in dict.fromkeys(text for texts in warnings for text in texts):
             warn(text)
-        compared: list[Predictor] = [*models, *files]
+        compared: list[sources.Predictor] = [*models, *files]
         report = table.evaluate(task, compared, options, progress)
         raw = "weights of the last step, not their moving average"
         drawn = f"the models are given known depth of these images, {request.prompt}"
@@ -130,19 +121,17 @@ def _on_own_pairs(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalReque
 
 
 def _plan_task(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalTask:
-    if request.split is None:
-        if not (runs or request.patterns) and is_nyu(request.data):
-            message = f"{request.data} is NYU Depth v2"
-            raise UsageError(message, "compare on it with 'depthcli eval nyu'")
-        pairs = open_pairs(request.data, request.truth, request.patterns)
-        name = request.data.resolve().name
-        if runs:
-            return plan_runs(pairs, runs, limit=request.limit, title=name)
-        return plan_pairs(pairs, name, request.limit)
-    dataset = open_nyu(request.data)
-    if runs:
-        return plan_runs(dataset, runs, request.split, request.limit)
-    return plan_nyu(dataset, request.split, request.limit)
+    limit, name = request.limit, request.data.resolve().name
+    if request.split is not None:
+        plan = partial(plan_runs, runs=runs) if runs else plan_nyu
+        return plan(open_nyu(request.data), split=request.split, limit=limit)
+    if not (runs or request.patterns) and is_nyu(request.data):
+        message = f"{request.data} is NYU Depth v2"
+        raise UsageError(message, "compare on it with 'depthcli eval nyu'")
+    pairs = open_pairs(request.data, request.truth, request.patterns)
+    return (
+        plan_runs(pairs, runs, limit=limit, title=name) if runs else plan_pairs(pairs, name, limit)
+    )
 
 
 def _open_runs(folder: Path, failed: list[str]) -> list[TrainedRun]:
@@ -161,18 +150,19 @@ def _open_runs(folder: Path, failed: list[str]) -> list[TrainedRun]:
 def _load_runs(
     request: EvalRequest,
     runs: Sequence[TrainedRun],
+    detail: UpsamplingOptions,
     folder: Path,
     progress: Progress,
     failed: list[str],
-) -> list[ModelPredictor]:
+) -> list[sources.ModelPredictor]:
     """The exported models; runs that cannot be exported are added to ``failed``."""
     from depthcli.lab.export.onnx import export_run  # noqa: PLC0415 - needs torch
 
-    advance, models = progress.begin("exporting runs", len(runs)), list[ModelPredictor]()
+    advance, models = progress.begin("exporting runs", len(runs)), list[sources.ModelPredictor]()
     for run in runs:
         with _noted(run.name, failed):
             path = export_run(run, folder, request.weights)
-            model = open_model(replace(request.runner, model=path), request.detail)
+            model = sources.open_model(replace(request.runner, model=path), detail)
             models.append(replace(model, name=run.name, run=run))
         advance(1)
     if not models:
@@ -192,7 +182,9 @@ def _noted(name: str, failed: list[str]) -> Iterator[None]:
         failed.append(f"{name} ({error})")
 
 
-def _shown(predictors: Sequence[Predictor], report: EvalReport) -> list[tuple[str, Predictor]]:
+def _shown(
+    predictors: Sequence[sources.Predictor], report: EvalReport
+) -> list[tuple[str, sources.Predictor]]:
     """The predictors of the figures with their titles: of a training run, its first seed."""
     if not report.has_training:
         return [(Path(predictor.name).name, predictor) for predictor in predictors]

@@ -29,6 +29,7 @@ _STRONG_STEP = math.log(1.1)
 _WEAK_STEP = _STRONG_STEP / 2
 # Canny takes 16-bit gradients; the steepest possible, 1 mm beside 10 m, still fits.
 _GRADIENT_SCALE = 8192.0
+HIGHER_IS_BETTER = frozenset({"edge_f1"})
 
 
 class BoundaryScores(NamedTuple):
@@ -43,9 +44,6 @@ class BoundaryScores(NamedTuple):
     #: harmonic mean of precision and recall of the depth steps between neighbouring pixels, in [0,
     #: 1]; higher is better
     edge_f1: float
-
-
-HIGHER_IS_BETTER = frozenset({"edge_f1"})
 
 
 def mean_boundary_scores(images: Sequence[BoundaryScores]) -> BoundaryScores:
@@ -74,7 +72,13 @@ def _log(depth_m: FloatArray, valid: BoolArray) -> Float32Array:
 
 def _edges(log_depth: Float32Array, valid: BoolArray) -> BoolArray:
     """Canny's edges of log depth, one pixel wide."""
-    smooth, slope = _kernels()
+    # A Gaussian of sum one, and its slope, which gives _GRADIENT_SCALE on a ramp of one.
+    offsets = np.arange(-_RADIUS_PX, _RADIUS_PX + 1)
+    bell = cv2.getGaussianKernel(len(offsets), _SIGMA_PX)[:, 0]
+    smooth: Float32Array = bell.astype(np.float32)
+    slope: Float32Array = (_GRADIENT_SCALE * offsets * bell / (offsets**2 * bell).sum()).astype(
+        np.float32
+    )
     window = np.ones((2 * _RADIUS_PX + 1,) * 2, np.uint8)
     interior = cv2.erode(valid.astype(np.uint8), window, borderValue=1)
     gradients = [
@@ -89,14 +93,6 @@ def _edges(log_depth: Float32Array, valid: BoolArray) -> BoolArray:
         step * float(smooth.max()) * _GRADIENT_SCALE for step in (_WEAK_STEP, _STRONG_STEP)
     )
     return np.asarray(cv2.Canny(x, y, weak, strong, L2gradient=True) > 0)
-
-
-def _kernels() -> tuple[Float32Array, Float32Array]:
-    """A Gaussian of sum one, and its slope, which gives ``_GRADIENT_SCALE`` on a ramp of one."""
-    offsets = np.arange(-_RADIUS_PX, _RADIUS_PX + 1)
-    bell = cv2.getGaussianKernel(len(offsets), _SIGMA_PX)[:, 0]
-    slope = offsets * bell / (offsets**2 * bell).sum()
-    return bell.astype(np.float32), (_GRADIENT_SCALE * slope).astype(np.float32)
 
 
 def _distances(truth: BoolArray, predicted: BoolArray) -> tuple[float, float]:

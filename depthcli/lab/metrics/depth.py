@@ -22,11 +22,10 @@ from depthcli.core.arrays import Float64Array, FloatArray
 from depthcli.errors import UsageError
 from depthcli.lab.options import Averaging
 
-MIN_DEPTH_M = 1e-3
-MAX_DEPTH_M = 10.0
-
+MIN_DEPTH_M, MAX_DEPTH_M = 1e-3, 10.0
 _PART_PIXELS = 77_000  # pixels: longer arrays leave the cache, more parts cost more calls
 _ARRAYS = 6
+_MAX_DOT = 10_000  # with more elements, OpenBLAS starts its own threads
 
 
 @dataclass(frozen=True)  # without slots: cached properties are stored in the instance
@@ -44,20 +43,15 @@ class DepthPixels:
 
     @classmethod
     def of(
-        cls,
-        truth_m: FloatArray,
-        predicted_m: FloatArray,
-        *,
-        min_m: float = MIN_DEPTH_M,
-        max_m: float = MAX_DEPTH_M,
+        cls, truth_m: FloatArray, predicted_m: FloatArray, *, max_m: float = MAX_DEPTH_M
     ) -> Self:
-        """Pixels with truth strictly inside (min_m, max_m); both are metres of one shape."""
+        """Pixels with truth between 1 mm and ``max_m``; both are metres of one shape."""
         if truth_m.shape != predicted_m.shape:
             raise ValueError(f"truth is {truth_m.shape} but prediction is {predicted_m.shape}")
-        valid = (truth_m > min_m) & (truth_m < max_m)
+        valid = (truth_m > MIN_DEPTH_M) & (truth_m < max_m)
         if valid.all():  # as in most images; a copy by mask would cost more than a metric
-            return cls(truth_m.ravel(), predicted_m.ravel(), min_m, max_m)
-        return cls(truth_m[valid], predicted_m[valid], min_m, max_m)
+            return cls(truth_m.ravel(), predicted_m.ravel(), max_m=max_m)
+        return cls(truth_m[valid], predicted_m[valid], max_m=max_m)
 
     def __len__(self) -> int:
         return int(self.truth.size)
@@ -79,13 +73,13 @@ class DepthPixels:
     @cached_property
     def truth_m(self) -> Float64Array:
         """(N,) g, metres, > 0."""
-        return _as_float64(self.truth, self._scratch_row(0))
+        return np.positive(self.truth, out=self._scratch_row(0), dtype=np.float64)
 
     @cached_property
     def predicted_m(self) -> Float64Array:
         """(N,) p, metres, > 0, clamped; NaN becomes ``min_m``."""
         values, low_m, high_m = self.prediction, self.min_m, self.max_m
-        exact = _as_float64(values, self._scratch_row(1))
+        exact = np.positive(values, out=self._scratch_row(1), dtype=np.float64)
         if exact.size and low_m <= float(values.min()) and float(values.max()) <= high_m:
             return exact  # the usual case; NaN fails the comparison
         np.clip(exact, low_m, high_m, out=exact)
@@ -116,22 +110,6 @@ class DepthPixels:
     def squared_log_error(self) -> float:
         """Σ (ln p − ln g)²."""
         return cv2.norm(self.log_error, cv2.NORM_L2SQR)
-
-
-def _as_float64(values: FloatArray, out: Float64Array | None) -> Float64Array:
-    if out is None:
-        return values.astype(np.float64)
-    np.copyto(out, values)
-    return out
-
-
-_MAX_DOT = 10_000  # with more elements, OpenBLAS starts its own threads
-
-
-def _product(left: Float64Array, right: Float64Array) -> float:
-    """Σ left · right, in steps that are too short for the library to start threads."""
-    starts = range(0, len(left), _MAX_DOT)
-    return float(sum(np.dot(left[i : i + _MAX_DOT], right[i : i + _MAX_DOT]) for i in starts))
 
 
 Sums: TypeAlias = Callable[[DepthPixels], tuple[float, ...]]
@@ -175,7 +153,9 @@ def abs_rel(pixels: DepthPixels) -> tuple[float, ...]:
 @_metric(unit="metres")
 def sq_rel(pixels: DepthPixels) -> tuple[float, ...]:
     """Mean (g − p)² / g, in metres."""
-    return (_product(pixels.error_m, pixels.relative_error),)
+    pieces = (slice(i, i + _MAX_DOT) for i in range(0, len(pixels), _MAX_DOT))
+    products = (np.dot(pixels.error_m[part], pixels.relative_error[part]) for part in pieces)
+    return (float(sum(products)),)
 
 
 @_metric(math.sqrt, unit="metres")
@@ -219,12 +199,8 @@ def d3(pixels: DepthPixels) -> tuple[float, ...]:
     return _within(pixels, 1.25**3)
 
 
-def _silog(mean: float, mean_of_squares: float) -> float:
-    # For an exact scaling, rounding can give a value just below zero.
-    return 100 * math.sqrt(max(0.0, mean_of_squares - mean**2))
-
-
-@_metric(_silog)
+# For an exact scaling, rounding can give a variance just below zero.
+@_metric(lambda mean, mean_of_squares: 100 * math.sqrt(max(0.0, mean_of_squares - mean**2)))
 def silog(pixels: DepthPixels) -> tuple[float, ...]:
     """100 · standard deviation of ln p − ln g, which does not depend on the scale."""
     return float(pixels.log_error.sum()), pixels.squared_log_error

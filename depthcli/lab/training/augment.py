@@ -17,6 +17,13 @@ from depthcli.lab.datasets.training_data import NYU_HFOV_DEG
 from depthcli.lab.training.config import DataConfig
 
 _SIDE_RANGE = (0.25, 0.75)  # of the rectangle, as fractions of the view's sides
+_WHOLE_SHARE = 0.25  # fraction of views without zoom, like images at inference
+_FULL_ROTATION_ZOOM = 0.2  # a zoom of 1.2 leaves room for the largest rotation
+_CROP_286 = 286 / 256
+_HALF_WIDTH = math.tan(math.radians(NYU_HFOV_DEG / 2))  # half of the image's width at depth 1
+_LEAST_Z = 0.1  # a ray with less leaves an image of up to 168°; behind it, depth is negative
+_ALL_VALID = 0.999  # least interpolated mask of a valid pixel
+_MAX_BORDER = 0.03  # as a fraction of half the image; NYU Depth v2's is .029
 
 
 def cutmix(
@@ -46,13 +53,6 @@ def _pixel_range(size: float, place: float, length: int) -> slice:
     extent = least + (most - least) * size
     start = place * (1 - extent)
     return slice(*(math.ceil(end * length - 0.5) for end in (start, start + extent)))
-
-
-_WHOLE_SHARE = 0.25  # fraction of views without zoom, like images at inference
-_FULL_ROTATION_ZOOM = 0.2  # a zoom of 1.2 leaves room for the largest rotation
-_CROP_286 = 286 / 256
-_HALF_WIDTH = math.tan(math.radians(NYU_HFOV_DEG / 2))  # half of the image's width at depth 1
-_LEAST_Z = 0.1  # a ray with less leaves an image of up to 168°; behind it, depth is negative
 
 
 class Geometry(NamedTuple):
@@ -152,10 +152,6 @@ def _rotate_camera(grid: Tensor, shift: Tensor, halves: Tensor) -> tuple[Tensor,
     return torch.stack([new_x / z, new_y / z], -1) / halves, z
 
 
-_ALL_VALID = 0.999  # least interpolated mask of a valid pixel
-_MAX_BORDER = 0.03  # as a fraction of half the image; NYU Depth v2's is .029
-
-
 class Views(NamedTuple):
     """Augmented views of some pairs."""
 
@@ -174,10 +170,7 @@ def augment(
     size: tuple[int, int] | None = None,
     tan_half_fov: Tensor | None = None,
 ) -> Views:
-    """Random views of pairs: RGB (B, 3, h, w) in [0, 1], metres and mask (B, 1, h, w), aligned.
-
-    A missing ``size`` is drawn; ``tan_half_fov`` is as :func:`draw_views` takes it.
-    """
+    """Random views of RGB (B, 3, h, w) in [0, 1], metres and mask (B, 1, h, w); a size is drawn."""
     size = view_size(data, random) if size is None else size
     geometry = draw_views(len(rgb), size, data, random, tan_half_fov)
     grid = geometry.grid.to(rgb.device)

@@ -17,14 +17,7 @@ from depthcli.core.types import DepthMap
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.lab.datasets.base import DepthDataset
-from depthcli.lab.metrics.depth import (
-    MAX_DEPTH_M,
-    DepthPixels,
-    PixelSums,
-    Scores,
-    finite_or_none,
-    mean_scores,
-)
+from depthcli.lab.metrics import depth as metrics
 from depthcli.lab.training.augment import Views
 from depthcli.lab.training.config import TrainConfig
 from depthcli.lab.training.data import PairStore, drawn_prompts, whole_images
@@ -58,7 +51,7 @@ def append_log(path: Path, state: TrainState, losses: dict[str, float]) -> None:
         "step": state.step,
         "seconds": round(state.seconds, 1),
         "losses": losses,
-        "scores": finite_or_none(state.scores),
+        "scores": metrics.finite_or_none(state.scores),
     }
     with path.open("ab", buffering=0) as file:
         append_whole(file, json.dumps(line).encode() + b"\n")
@@ -120,13 +113,13 @@ class Validation:
         generator.train(was_training)
         return raw
 
-    def score(self, generator: nn.Module, device: torch.device) -> Scores:
+    def score(self, generator: nn.Module, device: torch.device) -> metrics.Scores:
         """Mean of every metric over the pairs, at the truth's size, to 10 m or ``output.max_m``.
 
         By the headline protocol of the evaluation, in true metres also of other cameras.
         """
-        sums, codec = list[PixelSums](), self.config.output.codec
-        farthest_m = max(MAX_DEPTH_M, self.config.output.max_m)
+        sums, codec = list[metrics.PixelSums](), self.config.output.codec
+        farthest_m = max(metrics.MAX_DEPTH_M, self.config.output.max_m)
         for start in range(0, len(self), _BATCH_SIZE):
             rows = range(start, min(start + _BATCH_SIZE, len(self)))
             for row, raw in zip(rows, self.raw(generator, rows, device), strict=True):
@@ -135,9 +128,9 @@ class Validation:
                 depth_m = torch.from_numpy(codec.decode(raw.numpy()))
                 grown_m = F.interpolate(depth_m[None], truth_m.shape, mode="bilinear")
                 predicted_m = grown_m[0, 0].numpy() / scale
-                pixels = DepthPixels.of(truth_m, predicted_m, max_m=farthest_m)
-                sums.append(PixelSums.of(pixels))
-        return mean_scores(sums)
+                pixels = metrics.DepthPixels.of(truth_m, predicted_m, max_m=farthest_m)
+                sums.append(metrics.PixelSums.of(pixels))
+        return metrics.mean_scores(sums)
 
 
 def write_samples(

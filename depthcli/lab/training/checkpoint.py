@@ -22,6 +22,9 @@ from depthcli.lab.training.provenance import DataProvenance, TrainState
 
 _FORMAT = "depthcli-checkpoint"
 _VERSION = 2
+CHECKPOINT = "last.ckpt"
+BEST_CHECKPOINT = "best.ckpt"
+METRICS_LOG = "metrics.jsonl"
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -32,8 +35,7 @@ class Checkpoint:
     state: TrainState  #: how far it had come
     provenance: DataProvenance  #: the data it is trained on
     method: dict[str, Any]  #: state dict of all networks
-    #: state dict of the averaged generator; None if the run keeps none
-    ema_generator: dict[str, Any] | None
+    ema_generator: dict[str, Any] | None  #: state dict of the averaged generator, if there is one
     optimizers: dict[str, Any]  #: state dicts by phase
     extra: dict[str, Any]  #: further state of the method, such as image pools
     rng: torch.Tensor  #: state of torch's generator, (n,) uint8
@@ -103,11 +105,6 @@ def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.
     except RuntimeError as error:
         raise CheckpointError(f"{path} does not fit its own configuration") from error
     return generator.eval(), checkpoint
-
-
-CHECKPOINT = "last.ckpt"
-BEST_CHECKPOINT = "best.ckpt"
-METRICS_LOG = "metrics.jsonl"
 
 
 @contextmanager

@@ -21,10 +21,14 @@ from depthcli.lab.datasets.base import DepthDataset
 from depthcli.lab.datasets.prompts import WHOLE, Pattern, Prompt
 from depthcli.lab.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG
 from depthcli.lab.training.augment import Views, augment, to_network_input, view_size
-from depthcli.lab.training.config import DataConfig, PromptConfig
+from depthcli.lab.training.config import DataConfig, PromptConfig, TrainConfig
 
 # One half, less a margin for rounding.
 _LEAST_SHARE = 0.5 - 1e-5
+_STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
+_MEMORY_SHARE = 0.5  # of a GPU's free memory that pairs may take; networks need the rest
+_NOISY = 0.5  # share of prompts with noise, of those with errors
+_PART_SIDES = 0.25, 0.8  # of the part of an image that has points
 
 
 def downsample(
@@ -68,10 +72,6 @@ def tan_half_fov(dataset: DepthDataset, i: int, shape: tuple[int, ...]) -> tuple
     return width / 2 / focal_px, height / 2 / focal_px
 
 
-_STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
-
-
-_MEMORY_SHARE = 0.5  # of a GPU's free memory that pairs may take; networks need the rest
 _Pair = tuple[UInt8Array, Float32Array, BoolArray | None, list[tuple[float, float]]]
 
 
@@ -145,10 +145,6 @@ def whole_images(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
     return torch.nn.functional.interpolate(gray, size=(data.height, data.width), mode="area")
 
 
-_NOISY = 0.5  # share of prompts with noise, of those with errors
-_PART_SIDES = 0.25, 0.8  # of the part of an image that has points
-
-
 def drawn_prompts(views: Views, config: PromptConfig, seed: np.random.SeedSequence) -> Tensor:
     """Known depth of each view, (B, 1, H, W) metres, 0 where nothing is known."""
     random = np.random.default_rng(seed)
@@ -204,14 +200,10 @@ class TrainingBatch(NamedTuple):
     """The input of one training step."""
 
     network_input: Tensor  #: (B, 1, H, W) float32 in [-1, 1]
-    #: (B, 1, H, W) float32 metres, holes filled; of other scenes if unpaired
-    depth_m: Tensor
-    #: (B, 1, H, W) bool, False in the holes; None if there are none
-    valid_mask: Tensor | None = None
-    #: (B,) bool, True for pseudo labels; None if there are none
-    is_pseudo_label: Tensor | None = None
-    #: (B, 1, H, W) float32 metres of known depth, 0 elsewhere; None if the method takes none
-    prompt_m: Tensor | None = None
+    depth_m: Tensor  #: (B, 1, H, W) float32 metres, holes filled; of other scenes if unpaired
+    valid_mask: Tensor | None = None  #: (B, 1, H, W) bool, False in the holes; None without
+    is_pseudo_label: Tensor | None = None  #: (B,) bool; None if there are no pseudo labels
+    prompt_m: Tensor | None = None  #: (B, 1, H, W) float32 metres of known depth, 0 elsewhere
 
     def parts(self, count: int) -> list["TrainingBatch"]:
         """Up to ``count`` batches of neighbouring images, of about equal numbers."""
@@ -223,22 +215,20 @@ class Batches:
     """The batches of a run, by step, augmented on its device.
 
     An epoch is a pass through ``store`` without an incomplete last batch. Of each batch,
-    ``data.pseudo_label_share`` are pseudo labels, if there are any; ``prompts`` says which depth is
-    known of each view, if any is.
+    ``data.pseudo_label_share`` are pseudo labels, if there are any.
     """
 
     def __init__(
         self,
         store: PairStore,
-        data: DataConfig,
-        batch_size: int,
-        seed: int,
+        config: TrainConfig,
         device: torch.device,
         pseudo_labels: PairStore | None = None,
-        prompts: PromptConfig | None = None,
     ) -> None:
-        self.store, self.data, self.seed, self.device = store, data, seed, device
-        self.pseudo_labels, self.prompts = pseudo_labels, prompts
+        data, batch_size = config.data, config.optim.batch_size
+        self.store, self.data, self.seed, self.device = store, data, config.seed, device
+        self.prompts = config.prompt if config.generator.prompt else None
+        self.pseudo_labels = pseudo_labels
         count = round(batch_size * data.pseudo_label_share) if pseudo_labels else 0
         if pseudo_labels and not 0 < count < min(batch_size, len(pseudo_labels) + 1):
             share, have = data.pseudo_label_share, len(pseudo_labels)

@@ -6,6 +6,9 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
+TEMPERATURE = 0.07  #: τ of eq. 4
+SCALES = 4
+
 
 def generator_loss(gan: str, discriminator: nn.Module, *, real: Tensor, fake: Tensor) -> Tensor:
     """The generator's adversarial loss of images (B, 1, H, W) in [-1, 1]; a scalar.
@@ -37,14 +40,8 @@ def discriminator_loss(gan: str, discriminator: nn.Module, *, real: Tensor, fake
 
 
 def full_precision(like: Tensor) -> torch.autocast:
-    """A context that disables autocast on a tensor's device.
-
-    Casting the arguments to float32 is not enough: autocast casts them back for each product.
-    """
+    """A context without autocast on a tensor's device, which would cast float32 arguments back."""
     return torch.autocast(like.device.type, enabled=False)
-
-
-TEMPERATURE = 0.07  #: τ of eq. 4
 
 
 def patch_nce(query: Tensor, key: Tensor) -> Tensor:
@@ -59,10 +56,7 @@ def patch_nce(query: Tensor, key: Tensor) -> Tensor:
 
 
 def cfl_nce(query: Tensor, key: Tensor) -> Tensor:
-    """The paired form (Andonian et al. 2021): negatives from both prediction and ground truth.
-
-    Chance level is ln(2P − 1). As :func:`patch_nce`, with keys of the paired ground truth.
-    """
+    """As :func:`patch_nce`, but paired (Andonian et al. 2021): also negatives of the prediction."""
     with full_precision(query):
         query, key = query.float(), key.detach().float()
         to_truth = torch.bmm(query, key.transpose(1, 2)) / TEMPERATURE
@@ -137,9 +131,6 @@ def conv_weights(network: nn.Module) -> list[Tensor]:
     """Kernels of every convolution, plain or transposed."""
     kinds = (nn.Conv2d, nn.ConvTranspose2d)
     return [layer.weight for layer in network.modules() if isinstance(layer, kinds)]
-
-
-SCALES = 4
 
 
 def gradient_loss(prediction: Tensor, truth: Tensor, valid_mask: Tensor | None = None) -> Tensor:

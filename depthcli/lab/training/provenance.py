@@ -65,14 +65,13 @@ def provenance_of(config: TrainConfig, data: TrainingData) -> DataProvenance:
     label_ids = _under_names(training_data.own_pairs_title(labels.root), labels.ids)
     common = common_ids(data.title, origin.held_out_ids, label_ids)
     if common:
-        raise DatasetError(
-            f"the pseudo labels contain {len(common)} of the held-out pairs of "
-            f"{data_set(data.title)} (first: {min(common)})",
-            "remove them from {pseudo_labels}, or rename them if they are other images",
-        )
+        pairs = f"{len(common)} of the held-out pairs of {data_set(data.title)}"
+        message = f"the pseudo labels contain {pairs} (first: {min(common)})"
+        advice = "remove them from {pseudo_labels}, or rename them if they are other images"
+        raise DatasetError(message, advice)
     return dataclasses.replace(
         origin,
-        pseudo_labels=data.pseudo_labels_title,
+        pseudo_labels=f"{len(labels)} pseudo labels ({labels.root.resolve().name})",
         pseudo_label_ids=label_ids,
         pseudo_label_fingerprint=base.data_fingerprint(labels),
     )

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,10 +48,7 @@ def open_fabric(accelerator: str, precision: Precision) -> Fabric:
 
 
 def set_threads(count: int | None, folder: Path) -> None:
-    """Set torch's CPU threads: the number given, else the checkpoint's, else one per free core.
-
-    Another number would change the last digits of a resumed run.
-    """
+    """Set torch's CPU threads: the number given, else the checkpoint's, for equal last digits."""
     saved = checkpoint.saved_checkpoint(folder) if count is None else None
     if saved is not None:
         count = min(usable_cores(), saved.state.threads)
@@ -74,10 +72,8 @@ class Run:
         self.method.to(memory_format=layout)  # type: ignore[call-overload]
         phases = [phase for phase in self.method.phases if self.method.networks(phase)]
         optimizers = [build_optimizer(self.method, phase, config.optim) for phase in phases]
-        self.rates = {
-            phase: [group["lr"] for group in o.param_groups]
-            for phase, o in zip(phases, optimizers, strict=True)
-        }
+        rates = [[group["lr"] for group in o.param_groups] for o in optimizers]
+        self.rates = dict(zip(phases, rates, strict=True))
         self.module, *ready = fabric.setup(self.method, *optimizers)
         self.optimizers = dict(zip(phases, ready, strict=True))
         decay = config.optim.ema
@@ -121,9 +117,8 @@ class Run:
         if optim.clip_norm and phase == "generator":
             # A loss that is not finite is an error of the step, which names it; the scaler of
             # half precision skips steps whose gradients alone are not.
-            self.fabric.clip_gradients(
-                self.module, optimizer, max_norm=optim.clip_norm, error_if_nonfinite=False
-            )
+            clip = partial(self.fabric.clip_gradients, max_norm=optim.clip_norm)
+            clip(self.module, optimizer, error_if_nonfinite=False)
         optimizer.step()
 
     def save(self, path: Path) -> None:
@@ -169,9 +164,8 @@ class Run:
         try:
             self._load(saved)
         except (LookupError, RuntimeError, TypeError, ValueError) as error:
-            raise CheckpointError(
-                f"{path} does not fit the networks of its own configuration", "give another {out}"
-            ) from error
+            message = f"{path} does not fit the networks of its own configuration"
+            raise CheckpointError(message, "give another {out}") from error
         self.state, self.provenance = saved.state, saved.provenance
 
     def _load(self, saved: Checkpoint) -> None:
@@ -236,20 +230,19 @@ def _weights(networks: Sequence[nn.Module]) -> list[Tensor]:
 
 def random_state(method: Method, device: torch.device) -> dict[str, Any]:
     """Generators of random numbers and what they chose, on the CPU, by the checkpoint's keys."""
-    accelerator = _ACCELERATORS.get(device.type)
+    accelerator, extra = _ACCELERATORS.get(device.type), method.extra_state()
     return {
         "rng": torch.get_rng_state(),
         "device_rng": accelerator.get_rng_state(device) if accelerator else None,
-        "extra": {
-            name: [image.cpu() for image in images] for name, images in method.extra_state().items()
-        },
+        "extra": {name: [image.cpu() for image in images] for name, images in extra.items()},
     }
 
 
 def load_random_state(method: Method, device: torch.device, saved: Checkpoint) -> None:
     """Restore a state of :func:`random_state`."""
+    extra = saved.extra.items()
     method.load_extra_state(
-        {name: [image.to(device) for image in images] for name, images in saved.extra.items()}
+        {name: [image.to(device) for image in images] for name, images in extra}
     )
     torch.set_rng_state(saved.rng)
     accelerator, state = _ACCELERATORS.get(device.type), saved.device_rng
@@ -291,8 +284,7 @@ def fit(
             if epoch_ends:
                 _end_epoch(run, validation, folder, losses)
             over = elapsed_s >= 60 * max_minutes or step - before.step >= max_steps
-            over = over or run.state.has_stalled(config.patience)
-            stops = over or interrupt.number is not None
+            stops = over or run.state.has_stalled(config.patience) or interrupt.number is not None
             due = epoch_ends and run.state.epoch % config.save_every == 0
             if due or stops or step == run.steps:
                 run.save(folder / checkpoint.CHECKPOINT)
@@ -312,7 +304,7 @@ def _end_epoch(
     due = epoch % run.config.validate_every == 0 or run.state.step == run.steps
     if validation and due:
         scores = validation.score(run.ema_generator, run.fabric.device)
-        run.state = run.state.scored(dict(scores.items()), run.config.monitor)
+        run.state = run.state.scored(scores, run.config.monitor)
         with write_errors(folder):
             callbacks.write_samples(folder, epoch, validation, run.ema_generator, run.fabric)
     with write_errors(folder):
@@ -342,9 +334,7 @@ def _set_up(
     label_store = None
     if labels is not None:
         label_store = PairStore(labels, range(len(labels)), config.data).to(device)
-    prompts = config.prompt if config.generator.prompt else None
-    batch_size, seed = config.optim.batch_size, config.seed
-    batches = Batches(store, config.data, batch_size, seed, device, label_store, prompts)
+    batches = Batches(store, config, device, label_store)
     validation = callbacks.Validation(dataset, held_out, config) if held_out else None
     run = Run(config, fabric, batches.steps_per_epoch)
     run.provenance = origin

@@ -14,9 +14,10 @@ from depthcli.lab.training.checkpoint import CHECKPOINT, saved_checkpoint
 from depthcli.lab.training.config import TrainConfig, check_config, updated
 from depthcli.lab.training.init_weights import settings_of
 from depthcli.lab.training.methods.registry import check_terms, default_config
-from depthcli.lab.training.presets import preset_file
+from depthcli.lab.training.methods.table import PRESETS
 from depthcli.lab.training.provenance import config_differences, mismatch_error
 
+PRESET_FOLDER = Path(__file__).parent / "presets"
 _MAX_BYTES = 2**20
 
 
@@ -35,7 +36,11 @@ def resolve_config(
     usual = default_config(method)
     if usual.generator.prompt and init is not None:
         usual = updated(usual, settings_of(init))
-    files = [preset_file(preset, method), *files] if preset else files
+    if preset and preset not in PRESETS:
+        raise UsageError(f"no preset '{preset}'; choose from {', '.join(PRESETS)}")
+    if preset and PRESETS[preset] not in ("", method):
+        raise UsageError(f"the preset {preset} is for the method {PRESETS[preset]}, not {method}")
+    files = [PRESET_FOLDER / f"{preset}.toml", *files] if preset else files
     saved = None if folder is None else saved_checkpoint(folder)
     if folder is not None and saved is not None:
         # Code to import is named by the command, never by a file alone.

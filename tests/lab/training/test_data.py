@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from helpers.rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
+from helpers.rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, batches_of, rooms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -33,7 +33,7 @@ DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2, brightness=0.2, no
 
 def _batches(size: int = 2, seed: int = 0, **changes: object) -> Batches:
     data = replace(DATA, **changes)
-    return Batches(PairStore(rooms(), TRAIN, data), data, size, seed, CPU)
+    return batches_of(PairStore(rooms(), TRAIN, data), data, size, seed)
 
 
 def test_depends_on_seed_and_step_alone() -> None:
@@ -101,7 +101,7 @@ def _seen(paired: bool, steps: int = 4, size: int = 60, **changes: float) -> Tra
     """Some batches of ramps in one."""
     plain = {"zoom": 1.0, "gamma": 0.0, "brightness": 0.0, "noise": 0.0, "rotate_deg": 0.0}
     data = replace(DATA, paired=paired, **(plain | changes))
-    batches = Batches(PairStore(_ramps(size), range(size), data), data, size, 0, CPU)
+    batches = batches_of(PairStore(_ramps(size), range(size), data), data, size)
     seen = [batches[step] for step in range(steps)]
     return TrainingBatch(*(torch.cat(maps) for maps in zip(*(b[:2] for b in seen), strict=True)))
 
@@ -250,7 +250,7 @@ def test_batches_never_show_zero_and_say_what_is_known() -> None:
     assert float(store.depth_m.min()) >= 0.9
     for changes in ({}, {"paired": False}, {"crop_286": True}):
         data = replace(HOLED_DATA, **changes)
-        gray, depth_m, valid_mask, *_ = Batches(store, data, 5, 0, torch.device("cpu"))[0]
+        gray, depth_m, valid_mask, *_ = batches_of(store, data, 5)[0]
         assert valid_mask.shape == depth_m.shape == gray.shape
         assert valid_mask.dtype == torch.bool
         assert 0.4 < float(valid_mask.float().mean()) < 0.95

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from helpers.rooms import EFFICIENT, PAPER, TRAIN, Rooms, room_data
+from helpers.rooms import EFFICIENT, PAPER, TRAIN, Rooms, batches_of, room_data
 from helpers.tiny_methods import tiny
 from lightning_fabric import Fabric
 from lightning_fabric.plugins.precision.amp import MixedPrecision
@@ -22,7 +22,7 @@ from depthcli.core.parallel import usable_cores
 from depthcli.lab.training.callbacks import Callback
 from depthcli.lab.training.checkpoint import CHECKPOINT, Checkpoint
 from depthcli.lab.training.config import DataConfig, OptimConfig, TrainConfig, updated
-from depthcli.lab.training.data import Batches, PairStore, TrainingBatch
+from depthcli.lab.training.data import PairStore, TrainingBatch
 from depthcli.lab.training.methods.proposed import Proposed
 from depthcli.lab.training.methods.table import PAPER_METHODS
 from depthcli.lab.training.run import (
@@ -281,7 +281,7 @@ def shown(name: str) -> dict[str, list[float]]:
     data, images = SHOWN[name], _images()
     store = PairStore(images, TRAIN, data)
     extra = PairStore(images, [2], data) if name == "extra" else None
-    batches = Batches(store, data, 4, 7, torch.device("cpu"), pseudo_labels=extra)
+    batches = batches_of(store, data, 4, 7, extra)
     return {
         f"{part} {step}": _digest(values)
         for step in (0, 1, 5)

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from helpers.rooms import Rooms
+from helpers.rooms import Rooms, batches_of
 from helpers.seeded import seeded
 from torch import Tensor
 
 from depthcli.lab.training.augment import Geometry, augment, draw_views, view_size
 from depthcli.lab.training.config import DataConfig
-from depthcli.lab.training.data import Batches, PairStore
+from depthcli.lab.training.data import PairStore
 
 DATA = DataConfig(width=64, height=48, zoom=1.6, turn=1.0)
 HALF_X = math.tan(math.radians(63.3 / 2))
@@ -224,7 +224,7 @@ def _variation(data: DataConfig, dataset: Rooms, halves: Tensor) -> float:
     ``halves`` (COUNT, 2) is half the width and height of the images at depth 1.
     """
     store = PairStore(dataset, range(COUNT), data)
-    batches = Batches(store, data, COUNT, 0, torch.device("cpu"))
+    batches = batches_of(store, data, COUNT)
     ramps, largest = _ramps(store.depth_m), 0.0
     for step in range(12):
         seen = []

@@ -19,10 +19,9 @@ def method_class(name: str) -> type[Method]:
         return resolve_name(f"depthcli.lab.training.methods.{METHODS[name]}")  # type: ignore[no-any-return]
     kind = imported(name) if ":" in name else None
     if not (isinstance(kind, type) and issubclass(kind, Method)):
-        raise UsageError(
-            f"no method '{name}'; choose from {', '.join(METHODS)}, or name a subclass of Method "
-            "as module:Class"
-        )
+        names = ", ".join(METHODS)
+        advice = f"choose from {names}, or name a subclass of Method as module:Class"
+        raise UsageError(f"no method '{name}'; {advice}")
     return kind
 
 

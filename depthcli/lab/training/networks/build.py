@@ -19,10 +19,7 @@ def build_network(config: GeneratorConfig, channels: int = 1) -> Generator | Pro
 
 
 def build_generator(config: GeneratorConfig, channels: int = 1, outputs: int = 1) -> Generator:
-    """The generator of a configuration, newly initialized, without layers for known depth.
-
-    Only a ``resnet`` can have more than one of ``outputs``, its channels.
-    """
+    """A new generator without layers for known depth; only a ``resnet`` has other ``outputs``."""
     if config.name == "encoder":
         return EncoderGenerator(config, channels)
     if config.name == "efficient":

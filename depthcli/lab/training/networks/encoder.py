@@ -165,10 +165,7 @@ def _in_order(expected: Mapping[str, Tensor], path: Path) -> dict[str, Tensor]:
 
 
 def _accept_input(stem: nn.Conv2d, channels: int, std: Sequence[float]) -> None:
-    """Make the first convolution take inputs in [-1, 1], of one channel or three.
-
-    It was trained on (rgb - mean) / std of RGB in [0, 1]; training has to undo the mean's shift.
-    """
+    """Make a convolution that took (rgb - mean) / std take 1 or 3 channels in [-1, 1]."""
     weight = stem.weight.detach() * (0.5 / torch.tensor(std)).view(1, -1, 1, 1)
     stem.weight = nn.Parameter(weight.sum(1, keepdim=True) if channels == 1 else weight)
     stem.in_channels = channels

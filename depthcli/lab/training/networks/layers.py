@@ -4,6 +4,8 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
+_STD = 0.02
+
 
 class BlurDown(nn.Module):
     """Depthwise [1, 2, 1]² filter with stride 2 and reflection padding."""
@@ -34,9 +36,6 @@ class InstanceNorm(nn.InstanceNorm2d):
         if len(x) == 1 and (self.training or x.requires_grad):
             return F.batch_norm(x, None, None, training=True, eps=self.eps)
         return super().forward(x)
-
-
-_STD = 0.02
 
 
 def init_weights(network: nn.Module, *, xavier: bool) -> None:

@@ -11,6 +11,7 @@ from depthcli.lab.training.losses import full_precision
 from depthcli.lab.training.networks.layers import BlurDown, InstanceNorm, init_weights
 
 _SLOPE = 0.2
+_EPSILON = 1e-7
 
 
 class PatchGan(nn.Module):
@@ -40,9 +41,6 @@ class PatchGan(nn.Module):
     def forward(self, image: Tensor) -> Tensor:
         """Logits of an image: (B, channels, 256, 256) to (B, 1, 30, 30), and so on."""
         return self.layers(image)  # type: ignore[no-any-return]
-
-
-_EPSILON = 1e-7
 
 
 class PatchSampler(nn.Module):

@@ -10,10 +10,8 @@ from torch import Tensor, nn
 from depthcli.lab.training.losses import full_precision
 
 LEAST = 1e-6
-GAIN = 10.0
-"""Of differences of coded depth, which are small, to the scale of other features."""
-FOLLOWED = 3.0
-"""Logit of the share of what points say that is followed at first."""
+GAIN = 10.0  #: of differences of coded depth, which are small, to the scale of other features
+FOLLOWED = 3.0  #: logit of the share of what points say that is followed at first
 HEADS = 2  # of the interpolation
 _KEY_CHANNELS = 16
 _DISTANCES = (0.3, 0.08)  # standard deviations of the heads at first, in widths
@@ -97,7 +95,9 @@ class PointInterpolation(nn.Module):
         weight, bias = map(torch.cat, zip(scaled, self.keys.parameters(), strict=True))
         features = F.conv2d(image_map, weight, bias).float()  # one convolution is faster than two
         local = pooled(features * fine, 2) / (pooled(fine, 2) + LEAST)
-        cells = torch.cat([local, pooled(features, 2), count, mean, _places(mean)], 1).flatten(2)
+        ones = torch.ones_like(mean)  # column and row of each cell, in widths of the map
+        places = (torch.cat([ones.cumsum(3), ones.cumsum(2)], 1) - 0.5) / ones.sum(3, keepdim=True)
+        cells = torch.cat([local, pooled(features, 2), count, mean, places], 1).flatten(2)
         local, keys, queries, _, count, mean, places = cells.split_with_sizes(
             [HEADS * _KEY_CHANNELS] * 4 + [1, 1, 2], 1
         )
@@ -196,9 +196,3 @@ def pooled(values: Tensor, size: int) -> Tensor:
     if size == 1:
         return values
     return F.avg_pool2d(values, size, ceil_mode=True, count_include_pad=False)
-
-
-def _places(like: Tensor) -> Tensor:
-    """Column and row of each pixel, in widths of the map: (B, 2, h, w)."""
-    ones = torch.ones_like(like)
-    return (torch.cat([ones.cumsum(3), ones.cumsum(2)], 1) - 0.5) / ones.sum(3, keepdim=True)
