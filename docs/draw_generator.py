@@ -14,6 +14,7 @@ from matplotlib import pyplot as plt
 from matplotlib.patches import FancyArrowPatch, Rectangle
 from torch import Tensor
 
+from depthcli.lab.training.config import GeneratorConfig
 from depthcli.lab.training.networks.resnet import ResnetGenerator
 
 SIZE_PX = 256
@@ -116,7 +117,7 @@ def draw(found: list[Stage], taps: dict[int, str], path: Path) -> None:
 def main() -> None:
     """Draw it as the paper has it: width 64, nine blocks."""
     mpl.rcParams |= {"svg.hashsalt": "depthcli", "svg.fonttype": "none"}
-    found = stages(ResnetGenerator(residual="stem"))
+    found = stages(ResnetGenerator(GeneratorConfig()))
     names = ["input", "stem", "down1", "down2", "block1", "block2", "block3", "block4", "block5"]
     taps = {names.index(tap): "●" for tap in ResnetGenerator.TAPS}
     draw(found, taps, Path(__file__).with_name("generator.svg"))

@@ -10,6 +10,14 @@ class Weights(StrEnum):
     RAW = "raw"  #: those of the last step
 
 
+class SplitName(StrEnum):
+    """The ways to divide the labelled set of NYU Depth v2."""
+
+    PAPER = "paper"  #: pairs 1–1000 for training, 1001–1449 for testing; no scene is in both
+    OFFICIAL = "official"  #: the data set's own 795 / 654 pairs, as in most of the literature
+    VAL = "val"  #: pairs 1–1000 only: every seventh scene for testing, the others for training
+
+
 class Part(StrEnum):
     """What a table of scores is broken down by."""
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import numpy.typing as npt
+import torch
 
 from depthcli.lab.datasets.training_data import TrainingData
 from depthcli.lab.training.config import (
@@ -17,6 +18,7 @@ from depthcli.lab.training.config import (
     OutputConfig,
     TrainConfig,
 )
+from depthcli.lab.training.data import Batches, PairStore
 from helpers.in_memory import InMemory
 
 HEIGHT, WIDTH = 48, 64
@@ -135,3 +137,15 @@ EFFICIENT = replace(
     ),
 )
 """The shipped recipe, in small: six steps in three epochs."""
+
+
+def batches_of(
+    store: PairStore,
+    data: DataConfig,
+    size: int,
+    seed: int = 0,
+    pseudo_labels: PairStore | None = None,
+) -> Batches:
+    """Batches of stored pairs on the CPU."""
+    config = TrainConfig(seed=seed, data=data, optim=OptimConfig(batch_size=size))
+    return Batches(store, config, torch.device("cpu"), pseudo_labels)

@@ -1,6 +1,8 @@
 """``depthcli eval``: comparing models, predictions of other tools and training runs."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,12 +15,9 @@ from depthcli.cli.screen import console
 from depthcli.core import options as choices
 from depthcli.errors import ExitCode, UsageError
 from depthcli.lab.commands.options import PatternOptions, WeightsOption
-from depthcli.lab.datasets.base import SplitName
-from depthcli.lab.options import Alignment, Averaging, Crop, Mask, Part, Weights
+from depthcli.lab.options import Alignment, Averaging, Crop, Mask, Part, SplitName, Weights
 
 if TYPE_CHECKING:
-    from depthcli.io.stored.depth import DepthReadOptions
-    from depthcli.lab.evaluation.evaluate import EvalOptions
     from depthcli.lab.evaluation.protocol import EvalProtocol
     from depthcli.lab.jobs.evaluate import EvalRequest, EvalResult, ReportFiles
 
@@ -48,25 +47,23 @@ class ModelOptions:
         metavar="DIR",
     )
     predictions_kind: choices.DepthEncoding | None = groups.option(
-        "Meaning of the numbers in --predictions, if the files do not state it: metric (default), "
-        "distance (along the ray), relative, inverse, or disparity (with --baseline)."
+        "What --predictions hold, if the files do not state it: metric (default), distance (along "
+        "the ray), relative, inverse, or disparity (with --baseline)."
     )
     baseline: float | None = groups.option(
-        "Distance in metres between the two cameras, for disparity in --predictions and, in "
-        "'pairs', in the depth files.",
+        "Metres between the two cameras, for disparity in --predictions or, in 'pairs', as depth.",
         callback=groups.positive,
     )
     predictions_scale: float | None = groups.option(
-        "Units per metre of --predictions in PNG and in NPY of integers, if the files do "
-        "not state it: 1000 (PNG's default, millimetres), 256 (KITTI).",
+        "Units per metre of --predictions in integers, if the files do not state it: 1000 "
+        "(default, millimetres), 256 (KITTI).",
         callback=groups.png_scale_range,
     )
     detail: ProtocolDetail
     workers: groups.WorkersOption = None
     prompt: str | None = groups.option(
-        "Known depth that models are given, drawn from the truth: uniform:500 (points), lidar:4 "
-        "(lines), camera:64 (columns of a depth camera) or corners:200; with ,noise=0.02 or "
-        ",wrong=0.25 (shares).",
+        "Known depth for the models, drawn from the truth: uniform:500 (points), lidar:4 (lines), "
+        "camera:64 (columns) or corners:200; with ,noise=0.02 or ,wrong=0.25 (shares).",
         metavar="PATTERN",
     )
     anchors_fit: choices.DepthFit | None = groups.option("Fit to --prompt, as in 'predict'.")
@@ -86,6 +83,11 @@ class ModelOptions:
         "With --json, also print the scores of each image.", default=False
     )
 
+    @property
+    def names(self) -> Sequence[str | None]:
+        """Names of the models; None for the bundled one, if nothing else is compared."""
+        return self.model or ([] if self.predictions else [None])
+
 
 @group
 class ReportOptions:
@@ -99,9 +101,7 @@ class ReportOptions:
         """The files to write, which are checked."""
         from depthcli.lab.jobs.evaluate import ReportFiles
 
-        found = ReportFiles(self.csv, figures, self.html)
-        found.check()
-        return found
+        return ReportFiles(self.csv, figures, self.html).checked()
 
     def show(self, done: "EvalResult", files: "ReportFiles") -> None:
         """Print the table, and write the files."""
@@ -122,15 +122,14 @@ class TableOptions:
     """Table and figures."""
 
     align: list[Alignment] | None = groups.usual(
-        "Alignment to ground truth per image: none, median (scale), depth or disparity "
-        "(least-squares scale and shift); repeatable, one row each. Default: none."
+        "Alignment to ground truth per image: none (default), median (scale), depth or disparity "
+        "(least-squares scale and shift); repeatable, one row each."
     )
     against: str | None = groups.usual(
         "Also compare this row with every other: paired bootstrap over scenes.", metavar="ROW"
     )
     by: list[Part] | None = groups.option(
-        "Also score parts: pixels by true distance, images by kind of scene, and the worst "
-        "images; repeatable."
+        "Also score pixels by true distance, images by kind of scene, or the worst; repeatable."
     )
     limit: int | None = groups.option(
         "Evaluate only N images, spread evenly over the split.", metavar="N", min=1
@@ -146,23 +145,28 @@ class TableOptions:
     )
     report: ReportOptions
 
-    def options(self, **more: Any) -> "EvalOptions":  # noqa: ANN401 - fields of EvalOptions
-        """Options of the table."""
+    def request(self, data: Path, options: Mapping[str, Any], **fields: Any) -> "EvalRequest":  # noqa: ANN401
+        """The request for this table, with further ``fields``, and ``options`` of the table."""
         from depthcli.lab.evaluation.evaluate import EvalOptions
+        from depthcli.lab.jobs.evaluate import EvalRequest
 
-        alignments = tuple(self.align or (Alignment.NONE,))
-        parts = tuple(self.by or ())
-        return EvalOptions(alignments=alignments, against=self.against, parts=parts, **more)
-
-    @property
-    def shown_ids(self) -> tuple[str, ...] | None:
-        """Ids of images for the figures; empty for some of each scene type, None for no figures."""
-        if not (self.figures or self.report.html):
-            return None
-        return tuple(name.strip() for name in (self.ids or "").split(",") if name.strip())
+        alignments, parts = tuple(self.align or (Alignment.NONE,)), tuple(self.by or ())
+        table = EvalOptions(alignments=alignments, against=self.against, parts=parts, **options)
+        names = (name.strip() for name in (self.ids or "").split(","))
+        has_figures = self.figures or self.report.html
+        ids = tuple(filter(None, names)) if has_figures else None
+        return EvalRequest(data, limit=self.limit, options=table, shown_ids=ids, **fields)
 
 
 _TrivialOption = Annotated[bool, typer.Option(help="Include baselines that ignore the image.")]
+_LimitOption = Annotated[
+    float,
+    typer.Option(
+        metavar="METRES",
+        callback=groups.positive,
+        help="Range of depth that counts, to which predictions are clamped.",
+    ),
+]
 
 
 def nyu(
@@ -170,14 +174,13 @@ def nyu(
     data: Path = typer.Option(
         ...,
         envvar="DEPTHCLI_NYU",
-        help="nyu_depth_v2_labeled.mat, or a folder with it or with rgb/, depth/, index.csv.",
+        help=".mat file, or a folder with it or rgb/, depth/, index.csv.",
     ),
     models: ModelOptions,
     no_model: bool = typer.Option(False, "--no-model", help="Do not evaluate the bundled model."),
     split: SplitName = typer.Option(
         SplitName.PAPER,
-        help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: held-out scenes "
-        "of the first 1000.",
+        help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: scenes of 1-1000.",
     ),
     crop: Crop = typer.Option(Crop.NONE, help="eigen: rows 45:471, columns 41:601 only."),
     mask: Mask = typer.Option(Mask.FILLED, help="raw: only where the sensor measured depth."),
@@ -190,17 +193,16 @@ def nyu(
     if models.model and no_model:
         raise UsageError("", "give {model} or {no_model}, not both")
     protocol = EvalProtocol(crop=crop, mask=mask)
-    request = _request(data, models, table, protocol, bundled=not no_model, trivial=trivial)
-    return _run(replace(request, split=split), table)
+    names = (models.model or []) if no_model else models.names
+    return _run(_request(data, names, models, table, protocol, trivial=trivial, split=split), table)
 
 
 def pairs(
     data: Path = typer.Argument(
         ...,
         metavar="DIR",
-        help="Folder with rgb/ and depth/ of the same names, or in the layout of TUM RGB-D, "
-        "ScanNet, 7-Scenes, 3DMatch or KITTI; and cameras.csv (id,focal_px) if the focal lengths "
-        "are known.",
+        help="Folder with rgb/ and depth/, or in the layout of TUM RGB-D, ScanNet, 7-Scenes, "
+        "3DMatch or KITTI; cameras.csv in it (id,focal_px) states focal lengths.",
     ),
     *,
     names: PatternOptions,
@@ -208,31 +210,17 @@ def pairs(
     png_scale: float | None = typer.Option(
         None,
         callback=groups.png_scale_range,
-        help="Units per metre of the depth files: 1000 for millimetres, 256 (KITTI), 5000 (TUM), "
-        "4000 (Matterport). Default: what the files state or the layout implies, else 1000 for "
-        "integers and 1 for floats.",
+        help="Units per metre of the depth files: 256 in KITTI, 5000 in TUM, 4000 in Matterport. "
+        "Default: as files or layout state, else 1000 for integers and 1 for floats.",
     ),
     depth_kind: choices.DepthEncoding = typer.Option(
         choices.DepthEncoding.METRIC,
         help="Meaning of the depth files: metric (along the axis), distance (along the ray), "
         "disparity (with --baseline) or inverse (with --png-scale).",
     ),
-    min_depth: float = typer.Option(
-        0.001,
-        metavar="METRES",
-        callback=groups.positive,
-        help="Nearest depth that counts; predictions are clamped to it.",
-    ),
-    max_depth: float = typer.Option(
-        10.0,
-        metavar="METRES",
-        callback=groups.positive,
-        help="Farthest depth that counts; predictions are clamped to it.",
-    ),
-    crop: Crop = typer.Option(
-        Crop.NONE,
-        help="garg: the part of KITTI's images that is compared; eigen: that of NYU's.",
-    ),
+    min_depth: _LimitOption = 0.001,
+    max_depth: _LimitOption = 10.0,
+    crop: Crop = typer.Option(Crop.NONE, help="Part to compare: garg in KITTI, eigen in NYU."),
     table: TableOptions,
 ) -> int:
     """Evaluate depth metrics on images and depth of your own.
@@ -245,9 +233,9 @@ def pairs(
     if min_depth >= max_depth:
         raise UsageError(f"it is not below {max_depth:g} m", option="min_depth")
     protocol = EvalProtocol(full_size_px=None, crop=crop, min_m=min_depth, max_m=max_depth)
-    request = _request(data, models, table, protocol)
     truth = DepthReadOptions(png_scale, depth_kind, baseline_m=models.baseline)
-    return _run(replace(request, split=None, truth=truth, patterns=names.patterns), table)
+    files = partial(_request, truth=truth, patterns=names.patterns, split=None)
+    return _run(files(data, models.names, models, table, protocol), table)
 
 
 def runs(
@@ -259,8 +247,7 @@ def runs(
     names: PatternOptions,
     split: SplitName = typer.Option(
         SplitName.VAL,
-        help="val: scenes held out by the runs. paper, official: test part of the split, if "
-        "no run was trained on it.",
+        help="val: scenes held out by the runs. paper, official: test images, if new to all runs.",
     ),
     weights: WeightsOption = Weights.AVERAGED,
     trivial: _TrivialOption = True,
@@ -273,18 +260,15 @@ def runs(
     """
     from depthcli.cli import parse
     from depthcli.core.parallel import usable_cores
-    from depthcli.lab.jobs.evaluate import EvalRequest
 
-    request = EvalRequest(
+    request = table.request(
         data,
+        {"trivial": trivial, "published": published, "workers": usable_cores()},
         runs=folder,
         weights=weights,
         runner=parse.session_loader(None, table.runtime),
         patterns=names.patterns,
         split=split,
-        limit=table.limit,
-        options=table.options(trivial=trivial, published=published, workers=usable_cores()),
-        shown_ids=table.shown_ids,
     )
     return _run(request, table)
 
@@ -306,63 +290,50 @@ def compare(
 
 def _request(
     data: Path,
+    names: Sequence[str | None],
     models: ModelOptions,
     table: TableOptions,
     protocol: "EvalProtocol",
     *,
-    bundled: bool = True,
     trivial: bool = False,
+    **fields: Any,  # noqa: ANN401 - fields of EvalRequest
 ) -> "EvalRequest":
     from depthcli.cli import parse
     from depthcli.core.parallel import share_cores
+    from depthcli.io.stored.depth import DepthReadOptions
     from depthcli.lab.datasets.prompts import parsed_prompt
-    from depthcli.lab.jobs.evaluate import EvalRequest
 
-    names: list[str | None] = [*(models.model or ())]
-    if bundled and not names and not models.predictions:
-        names = [None]
     if models.per_image and not table.report.screen.as_json:
         raise UsageError("scores of each image are part of the JSON output", "add {json}")
     if models.anchors_fit and not models.prompt:
         raise UsageError("", "{anchors_fit} is for {prompt}: give both or neither")
+    kind, baseline_m = models.predictions_kind, models.baseline
+    if kind is choices.DepthEncoding.DISPARITY and baseline_m is None:
+        message = "disparity up to a factor is inverse"
+        raise UsageError(message, "give {baseline}, or inverse", option="predictions_kind")
+    if kind is not choices.DepthEncoding.DISPARITY:
+        baseline_m = None
     workers, threads = share_cores(models.workers, table.runtime.threads)
     size_px = models.compare_at
-    return EvalRequest(
+    protocol = replace(
+        protocol,
+        averaging=models.average,
+        compare_px=None if size_px is None else (size_px, size_px),
+        upsampling=models.detail.upsample,
+        tile_px=parse.detail(models.detail).tile_px,
+        boundary=models.boundary,
+    )
+    options = {"trivial": trivial, "per_image": models.per_image, "workers": workers}
+    scale = models.predictions_scale
+    return table.request(
         data,
+        options | {"protocol": protocol},
         models=tuple(parse.session_loader(name, table.runtime, threads) for name in names),
         predictions=tuple(models.predictions or ()),
-        predictions_reading=_reading(models),
+        predictions_reading=DepthReadOptions(None, kind, scale, baseline_m=baseline_m),
         prompt=parsed_prompt(models.prompt) if models.prompt else None,
         anchors_fit=models.anchors_fit,
-        limit=table.limit,
-        options=table.options(
-            protocol=replace(
-                protocol,
-                averaging=models.average,
-                compare_px=None if size_px is None else (size_px, size_px),
-                upsampling=models.detail.upsample,
-                tile_px=parse.detail(models.detail).tile_px,
-                boundary=models.boundary,
-            ),
-            trivial=trivial,
-            per_image=models.per_image,
-            workers=workers,
-        ),
-        shown_ids=table.shown_ids,
-    )
-
-
-def _reading(models: ModelOptions) -> "DepthReadOptions":
-    from depthcli.io.stored.depth import DepthReadOptions
-
-    is_disparity = models.predictions_kind is choices.DepthEncoding.DISPARITY
-    if is_disparity and models.baseline is None:
-        told = "disparity up to a factor is inverse"
-        raise UsageError(told, "give {baseline}, or inverse", option="predictions_kind")
-    return DepthReadOptions(
-        kind=models.predictions_kind,
-        unstated_scale=models.predictions_scale,
-        baseline_m=models.baseline if is_disparity else None,
+        **fields,
     )
 
 

@@ -22,13 +22,11 @@ class NetworkOptions:
     weights: WeightsOption = Weights.AVERAGED
     fp16: bool = groups.option("Store weights as float16; computes in float32.", default=False)
     int8: Path | None = groups.option(
-        "Quantize weights and activations to int8, calibrated and checked on the images in DIR.",
-        metavar="DIR",
+        "Quantize to int8, calibrated and checked on the images in DIR.", metavar="DIR"
     )
     opset: int = groups.option("ONNX opset version.", default=17, min=16, max=20)
     tolerance: float | None = groups.option(
-        "Maximum difference from torch in the raw output. Default: 0.001, with --fp16 "
-        "0.02, with --int8 0.2.",
+        "Maximum difference from torch. Default: 0.001, with --fp16 0.02, with --int8 0.2.",
         callback=groups.not_negative,
     )
 
@@ -45,19 +43,17 @@ class CardOptions:
         "SPDX license identifier of the weights, for the card.", "--license", default="NOASSERTION"
     )
     hfov: float | None = groups.option(
-        "Horizontal field of view of the training images in degrees, for the card. "
-        "Only if the run does not know its camera: NYU's and that of cameras.csv are known.",
+        "Horizontal field of view of the training images in degrees, if the run does not know it.",
         callback=groups.field_of_view,
     )
     depth_factor: float = groups.option(
-        "Factor on depth, for the card: corrects a bias that was measured on held-out images.",
+        "Factor on depth, which corrects a bias that was measured on held-out images.",
         default=1.0,
         callback=groups.positive,
         metavar="FACTOR",
     )
     float_model: str | None = groups.option(
-        "With --int8: name of the same model in floats, for the card; it is used in "
-        "place of this one on GPUs and OpenVINO.",
+        "With --int8: name of the same model in floats, for GPUs and OpenVINO.",
         metavar="NAME",
     )
 
@@ -89,31 +85,19 @@ def export_onnx(
         raise UsageError("", "give {fp16} or {int8}, not both")
     if card.float_model is not None and network.int8 is None:
         raise UsageError("", "{float_model} is for {int8}: a float model runs on every provider")
-    options = ExportOptions(
-        name=card.name,
-        version=card.model_version,
-        half=network.fp16,
-        opset=network.opset,
-        tolerance=network.tolerance,
-        int8_pictures=network.int8,
-        license=card.license_name,
-        hfov_deg=card.hfov,
-        depth_factor=card.depth_factor,
-        float_model=card.float_model,
-        weights=network.weights,
-    )
+    options = ExportOptions(**vars(network), **vars(card))
     if checkpoint.is_dir():
         checkpoint /= CHECKPOINT
     path = checkpoint.with_suffix(".onnx") if out is None else out
     path = path if path.suffix.lower() == ".onnx" else path / "model.onnx"
     done = export_checkpoint(checkpoint, path, options)
-    made, parity, sizes = done.card, done.parity, len(done.parity.cases)
+    written, parity, sizes = done.card, done.parity, len(done.parity.cases)
     if screen.as_json:
-        facts = {"path": str(done.path), "sha256": made.sha256, "bytes": made.size_bytes}
+        facts = {"path": str(done.path), "sha256": written.sha256, "bytes": written.size_bytes}
         console.out_json(facts | dataclasses.asdict(parity))
     elif not screen.quiet:
         console.out(
-            f"{done.path}  {(made.size_bytes or 0) / 1e6:.1f} MB  sha256 {made.sha256}\n"
+            f"{done.path}  {(written.size_bytes or 0) / 1e6:.1f} MB  sha256 {written.sha256}\n"
             f"parity at {sizes} size{'s' * (sizes != 1)}: max {parity.max_abs:.2g}, "
             f"mean {parity.mean_abs:.2g} (allowed {parity.tolerance:g})"
         )

@@ -34,19 +34,15 @@ def show_config(config: TrainConfig) -> None:
     """Print a configuration as TOML."""
     values = dataclasses.asdict(config)
     groups = {name: group for name, group in values.items() if isinstance(group, dict)}
-    _assignments({name: value for name, value in values.items() if name not in groups})
-    for name, group in groups.items():
-        console.out(f"\n[{name}]")
-        _assignments(group)
-
-
-def _assignments(values: dict[str, object]) -> None:
-    for name, value in values.items():
-        if isinstance(value, dict):
-            items = ", ".join(f"{json.dumps(key)} = {one}" for key, one in value.items())
-            console.out(f"{name} = {{{items}}}")
-        else:
-            console.out(f"{name} = {json.dumps(value)}")
+    plain = {name: value for name, value in values.items() if name not in groups}
+    for heading, group in {"": plain, **groups}.items():
+        if heading:
+            console.out(f"\n[{heading}]")
+        for name, value in group.items():
+            items = value.items() if isinstance(value, dict) else ()
+            inline = ", ".join(f"{json.dumps(key)} = {item}" for key, item in items)
+            text = f"{{{inline}}}" if isinstance(value, dict) else json.dumps(value)
+            console.out(f"{name} = {text}")
 
 
 def print_result(result: TrainResult, out: Path) -> None:
@@ -77,8 +73,8 @@ class EpochCallback(Callback):
         self._losses = losses
         if self._stage is None:
             silent = self._as_json or not sys.stderr.isatty()
-            shown = self._stack.enter_context(show_progress(silent=silent))
-            self._steps, self._stage = steps, shown.begin("training", steps, "steps")
+            progress = self._stack.enter_context(show_progress(silent=silent))
+            self._steps, self._stage = steps, progress.begin("training", steps, "steps")
             self._stage.skip(state.step)
         else:
             self._stage(1)
@@ -86,7 +82,7 @@ class EpochCallback(Callback):
     def on_epoch_end(self, state: TrainState) -> None:
         """Print scores, and the losses of the last step; as text also rate and remaining time."""
         if self._as_json:
-            values = dataclasses.asdict(state) | {"scores": finite_or_none(state.scores.items())}
+            values = dataclasses.asdict(state) | {"scores": finite_or_none(state.scores)}
             values["losses"] = self._losses
             console.out_json(values if self._run is None else {"run": self._run, **values})
             return

@@ -17,14 +17,16 @@ from depthcli.cli.screen import console
 from depthcli.errors import SIGNAL_BASE, CheckpointError, ExitCode, TrainingError, UsageError
 from depthcli.lab.commands.options import PatternOptions
 from depthcli.lab.options import Tracker
-from depthcli.lab.training.methods.table import METHODS
-from depthcli.lab.training.presets import PRESETS
+from depthcli.lab.training.methods.table import METHODS, PRESETS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from depthcli.lab.training.config import TrainConfig
 
+_PRESETS = ", ".join(
+    f"{name} (for {method})" if method else name for name, method in PRESETS.items()
+)
 _ACCELERATORS = ("auto", "cpu", "cuda", "mps")
 
 
@@ -33,19 +35,16 @@ class RunOptions:
     """Several runs."""
 
     methods: list[str] | None = options.option(
-        "Train these methods one after another, each in the folder METHOD-seedK of --out "
-        "(for example cut,proposed); repeatable.",
+        "Train these methods, each in the folder METHOD-seedK of --out; repeatable.",
         metavar="A,B",
         autocompletion=offered(METHODS),
     )
     seeds: list[str] | None = options.option(
-        "One run of each method for each of these seeds, in the folder METHOD-seedK of "
-        "--out (for example 0,1); repeatable.",
-        metavar="K,L",
+        "Train each method with each of these seeds, in METHOD-seedK; repeatable.", metavar="K,L"
     )
     grid: list[str] | None = options.option(
-        "One run for each of these values of a setting (for example loss.l1=1,10,100), in the "
-        "folder METHOD-loss.l1=1-seedK of --out; repeatable, for all combinations.",
+        "Train with each of these values of a setting, such as loss.l1=1,10, in "
+        "METHOD-loss.l1=1-seedK; repeatable, for all combinations.",
         metavar="NAME=A,B",
     )
 
@@ -61,20 +60,17 @@ class DataOptions:
     """Data and initial weights."""
 
     data: Path | None = options.usual(
-        "NYU Depth v2 as .mat file or as folder with rgb/, depth/, index.csv, or nyu for that of "
-        "$DEPTHCLI_NYU; or another folder with rgb/ and depth/, or in the layout of TUM RGB-D, "
-        "ScanNet, 7-Scenes, 3DMatch, KITTI or Ultralytics."
+        "NYU Depth v2 (.mat file or folder; nyu for that of $DEPTHCLI_NYU), or a folder with rgb/ "
+        "and depth/, or in the layout of TUM RGB-D, ScanNet, 7-Scenes, 3DMatch, KITTI, Ultralytics."
     )
     names: PatternOptions
     pseudo_labels: Path | None = options.option(
-        "Additional pairs with less reliable depth, such as predictions of another model: "
-        "rgb/ and depth/ in millimetres.",
+        "Further pairs, rgb/ and depth/ in millimetres, of less reliable depth: predictions.",
         metavar="DIR",
     )
     init: list[Path] | None = options.option(
-        "Start from the weights of a model (name, .onnx file or folder) or a checkpoint. "
-        "Repeatable: from the mean of their weights. A .pth file is a pretrained encoder; 'hub' "
-        "downloads that of timm.",
+        "Start from a model (name, .onnx file or folder) or checkpoint, repeatable: from their "
+        "mean. A .pth file is a pretrained encoder; 'hub' downloads that of timm.",
         metavar="MODEL|CKPT",
     )
 
@@ -84,8 +80,7 @@ class ConfigOptions:
     """Configuration."""
 
     preset: str | None = options.usual(
-        "Configuration preset: "
-        f"{', '.join(f'{name} (for {own})' if own else name for name, own in PRESETS.items())}.",
+        f"Configuration preset: {_PRESETS}.",
         metavar="NAME",
         autocompletion=offered(PRESETS),
     )
@@ -93,8 +88,7 @@ class ConfigOptions:
         "TOML file that overrides the configuration; repeatable.", metavar="FILE"
     )
     settings: list[str] | None = options.usual(
-        "Override one setting ('--show-config' lists them), such as optim.batch_size=8; "
-        "repeatable.",
+        "Override a setting of --show-config, such as optim.batch_size=8; repeatable.",
         "--set",
         metavar="NAME=VALUE",
     )
@@ -131,8 +125,7 @@ class FollowOptions:
         "Also log losses, scores and sample images to this tool; repeatable."
     )
     callback: list[str] | None = options.option(
-        "Your own class or function that makes a callback from the folder and the configuration "
-        "of a run; repeatable.",
+        "What makes a callback of your own from folder and configuration of a run; repeatable.",
         metavar="MODULE:NAME",
     )
 
@@ -168,19 +161,13 @@ def train(
     if not methods[0] or (method and runs.methods):
         raise UsageError("", "name a METHOD, or several with {methods}")
     planned: dict[Path, Callable[..., TrainConfig]] = {}
+    is_one, init = not (runs.methods or seeds or runs.grid), data.init[0] if data.init else None
     for name, point, seed in itertools.product(methods, runs.settings(), seeds or (None,)):
         settings = [*(config.settings or ()), *point, *([f"seed={seed}"] if seed else [])]
-        resolve = partial(
-            resolve_config,
-            name,
-            config.preset,
-            config.config or (),
-            settings,
-            init=data.init[0] if data.init else None,
-        )
+        files = config.config or ()
+        resolve = partial(resolve_config, name, config.preset, files, settings, init=init)
         if config.show_config:
             show_config(resolve())
-        is_one = not (runs.methods or seeds or runs.grid)
         run = "-".join((name.replace(":", "."), *point, f"seed{resolve().seed}"))
         planned[out if is_one else out / run] = resolve
     if config.show_config:
@@ -202,6 +189,7 @@ def _train_runs(
     minutes = math.inf if device.max_minutes is None else device.max_minutes
     code, end_s = ExitCode.OK, time.monotonic() + 60 * minutes
     for index, (folder, resolve) in enumerate(planned.items()):
+        run = folder.name if len(planned) > 1 else None
         try:
             config = resolve(folder=folder)
             if data.data is None:
@@ -220,7 +208,6 @@ def _train_runs(
                 callbacks=tuple(follow.callback or ()),
                 signals=process.ending_signals(),
             )
-            run = folder.name if len(planned) > 1 else None
             with callback_for(as_json=screen.as_json, quiet=screen.quiet, run=run) as callback:
                 result = train(request, callback)
         except (CheckpointError, TrainingError) as error:

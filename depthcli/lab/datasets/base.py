@@ -1,29 +1,31 @@
-"""The interface of data sets of images with measured depth, and the splits of NYU Depth v2.
+"""The interface of data sets of images and depth, splits of NYU Depth v2, ids, and known folders.
 
 Ids of NYU Depth v2 are zero-based label numbers ("0000" to "1448"), in the labelled set's order.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from functools import cached_property
-from itertools import groupby
+from itertools import filterfalse, groupby
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Self, TypeAlias
+from typing import Self, TypeAlias
 
+from depthcli.core.arrays import Float32Array, UInt8Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
+from depthcli.core.types import Frame
 from depthcli.core.validation import fingerprint
 from depthcli.errors import DatasetError
+from depthcli.lab.options import SplitName
 
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    from depthcli.core.types import Frame
+NYU = "NYU Depth v2"
+TRAIN_IDS = "nyu_train_ids"  #: field of a card's ``training``: pairs of NYU, :func:`compact`
+ALL_PAIRS = "all"  #: name of the split of a data set without one: all of its pairs are test pairs
+HELD_OUT = "held-out"  #: name of the split of pairs of one's own that training runs held out
+LABELLED_COUNT = 1449
+PAPER_TRAIN_COUNT = 1000
+_COUNTS = {"paper": (1000, 449), "official": (795, 654), "val": (866, 134)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +74,9 @@ class DepthDataset(ABC):
     @cached_property
     def focal_px(self) -> tuple[float, ...]:
         """Focal length of each image, in its own pixels; empty if one is not known."""
-        found = (pair.camera.focal_px for pair in self.pairs)
-        known = tuple(focal_px for focal_px in found if focal_px is not None)
-        return known if len(known) == len(self) else ()
+        every = (pair.camera.focal_px for pair in self.pairs)
+        focals_px = tuple(focal_px for focal_px in every if focal_px is not None)
+        return focals_px if len(focals_px) == len(self) else ()
 
     def files(self, i: int) -> list[Path]:
         """Image and depth of pair ``i``, as far as they are files."""
@@ -85,39 +87,20 @@ class DepthDataset(ABC):
         return replace(self, pairs=tuple(self.pairs[i] for i in positions))
 
     @abstractmethod
-    def image(self, i: int) -> npt.NDArray[np.uint8]:
+    def image(self, i: int) -> UInt8Array:
         """Image of pair ``i``: (H, W, 3) RGB uint8."""
 
     def frame(self, i: int) -> Frame:
         """Image of pair ``i`` with what its file states, such as the focal length of EXIF."""
-        from depthcli.core.types import Frame  # noqa: PLC0415 - needs numpy
-
         return Frame(self.image(i))
 
     @abstractmethod
-    def depth_m(self, i: int) -> npt.NDArray[np.float32]:
+    def depth_m(self, i: int) -> Float32Array:
         """Depth of pair ``i``: (H, W) float32 metres, 0 where there is none."""
 
-    def raw_depth_m(self, i: int) -> npt.NDArray[np.float32]:
+    def raw_depth_m(self, i: int) -> Float32Array:
         """Measured depth of pair ``i``, not filled: (H, W) float32 metres, 0 = none."""
         raise DatasetError(f"there is no raw depth of {self.pairs[i].id}")
-
-
-NYU = "NYU Depth v2"
-TRAIN_IDS = "nyu_train_ids"  #: field of a card's ``training``: pairs of NYU, :func:`compact`
-ALL_PAIRS = "all"  #: name of the split of a data set without one: all of its pairs are test pairs
-HELD_OUT = "held-out"  #: name of the split of pairs of one's own that training runs held out
-LABELLED_COUNT = 1449
-PAPER_TRAIN_COUNT = 1000
-_COUNTS = {"paper": (1000, 449), "official": (795, 654), "val": (866, 134)}
-
-
-class SplitName(StrEnum):
-    """The ways to divide the labelled set."""
-
-    PAPER = "paper"  #: pairs 1–1000 for training, 1001–1449 for testing; no scene is in both
-    OFFICIAL = "official"  #: the data set's own 795 / 654 pairs, as in most of the literature
-    VAL = "val"  #: pairs 1–1000 only: every seventh scene for testing, the others for training
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,10 +115,7 @@ class Split:
 
 
 def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> frozenset[str]:
-    """Scenes that are held out from training: every ``every``-th by name, from ``offset`` on.
-
-    Names begin with the type of the scene, so types with many scenes are represented. Pairs whose
-    scene is not known ("") are not held out.
+    """Scenes to hold out: every ``every``-th by name, from ``offset`` on, of each type; never "".
 
     >>> sorted(held_out_scenes(["a", "b", "b", "c", "d", "e"], every=2, offset=1))
     ['b', 'd']
@@ -145,27 +125,29 @@ def held_out_scenes(scenes: Sequence[str], every: int = 7, offset: int = 3) -> f
 
 def split_nyu(dataset: DepthDataset, name: SplitName) -> Split:
     """Divide a data set whose ids are label numbers; the test part may be empty."""
-    labels = [_label(dataset_id) for dataset_id in dataset.ids]
-    counts = _COUNTS[name]
-    match name:
-        case SplitName.PAPER:
-            parts = ["train" if label < PAPER_TRAIN_COUNT else "test" for label in labels]
-        case SplitName.OFFICIAL:
-            parts = list(dataset.official_split)
-            if not {"train", "test"}.issuperset(parts):
-                advice = "give index.csv (id,scene,official_split) with train or test for each pair"
-                raise DatasetError("the official split of some pairs is not known", advice)
-        case SplitName.VAL:
-            seen = [s for s, x in zip(dataset.scenes, labels, strict=True) if x < PAPER_TRAIN_COUNT]
-            held_out = held_out_scenes(seen)
-            parts = [
-                "" if label >= PAPER_TRAIN_COUNT else "test" if scene in held_out else "train"
-                for scene, label in zip(dataset.scenes, labels, strict=True)
-            ]
-            if len(seen) == PAPER_TRAIN_COUNT:
-                counts = parts.count("train"), parts.count("test")
-    train = tuple(i for i, part in enumerate(parts) if part == "train")
-    test = tuple(i for i, part in enumerate(parts) if part == "test")
+    for dataset_id in filterfalse(is_label, dataset.ids):
+        message = f"id {dataset_id!r} is not a label number of NYU Depth v2 (0000 to 1448)"
+        raise DatasetError(message, "evaluate pairs of your own with 'depthcli eval pairs'")
+    labels, counts = map(int, dataset.ids), _COUNTS[name]
+    parts = ["train" if label < PAPER_TRAIN_COUNT else "test" for label in labels]
+    if name is SplitName.OFFICIAL:
+        parts = list(dataset.official_split)
+        if not {"train", "test"}.issuperset(parts):
+            advice = "give index.csv (id,scene,official_split) with train or test for each pair"
+            raise DatasetError("the official split of some pairs is not known", advice)
+    elif name is SplitName.VAL:
+        numbered = list(zip(dataset.scenes, parts, strict=True))
+        scenes = [scene for scene, part in numbered if part == "train"]
+        held_out = held_out_scenes(scenes)
+        parts = [
+            "" if part == "test" else "test" if scene in held_out else "train"
+            for scene, part in numbered
+        ]
+        if len(scenes) == PAPER_TRAIN_COUNT:
+            counts = parts.count("train"), parts.count("test")
+    train, test = (
+        tuple(i for i, part in enumerate(parts) if part == half) for half in ("train", "test")
+    )
     return Split(name, train, test, *counts)
 
 
@@ -183,13 +165,6 @@ def label_id(dataset_id: str) -> str:
     return f"{int(dataset_id):04d}" if is_label(dataset_id) else dataset_id
 
 
-def _label(dataset_id: str) -> int:
-    if not is_label(dataset_id):
-        told = f"id {dataset_id!r} is not a label number of NYU Depth v2 (0000 to 1448)"
-        raise DatasetError(told, "evaluate pairs of your own with 'depthcli eval pairs'")
-    return int(dataset_id)
-
-
 def compact(ids: Iterable[str]) -> str:
     """Format ids, whole numbers as in NYU Depth v2, as ranges.
 
@@ -205,10 +180,7 @@ def compact(ids: Iterable[str]) -> str:
 
 
 def parse(text: str) -> frozenset[int]:
-    """Parse ranges of ids to numbers.
-
-    Raises:
-        ValueError: the text is not a list of ranges.
+    """Parse ranges of ids to numbers; ValueError if they are none.
 
     >>> sorted(parse("0000-0002,0007"))
     [0, 1, 2, 7]
@@ -221,10 +193,7 @@ def parse(text: str) -> frozenset[int]:
 
 
 def data_fingerprint(dataset: DepthDataset) -> str:
-    """Checksum of ids, focal lengths and file sizes in bytes; not of the folder's path.
-
-    Of a data set that is not made of image files, such as a .mat file, it has no sizes.
-    """
+    """Checksum of ids, focal lengths and sizes of image files, if there are any, not of paths."""
     sizes = [[file.stat().st_size for file in dataset.files(i)] for i in range(len(dataset))]
     return fingerprint(list(dataset.ids), list(dataset.focal_px), sizes if any(sizes) else [])
 
@@ -242,6 +211,5 @@ def opener_of(folder: Path) -> Opener | None:
     """The function that opens a folder; None if no file is recognized."""
     for name, entry in LAYOUTS.items():
         if (folder / name).is_file():
-            found: Opener = resolve_name(f"depthcli.lab.datasets.{entry}")
-            return found
+            return resolve_name(f"depthcli.lab.datasets.{entry}")  # type: ignore[no-any-return]
     return None

@@ -1,4 +1,4 @@
-"""Folders of images and depth files as pairs, whatever their layout.
+"""Folders of images and depth files as pairs, whatever their layout, and reading of both.
 
 ``cameras.csv`` (the focal length of each image) and ``raw_depth/`` are optional.
 """
@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import cycle, islice
 from pathlib import Path
 from typing import Self
 
@@ -102,9 +103,9 @@ class FolderDataset(DepthDataset):
         """Depth of pair ``i`` in the view of its image: (H, W) float32 metres, 0 = none."""
         pair = self.pairs[i]
         depth_m = metres(self.stored(i)) * np.float32(pair.scale)
-        return (
-            in_view(depth_m, pair, self._image_shape(i, depth_m.shape)) if self.paired else depth_m
-        )
+        if not self.paired:
+            return depth_m
+        return in_view(depth_m, pair, self._image_shape(i, depth_m.shape))
 
     def stored(self, i: int) -> StoredDepth:
         """The depth file of pair ``i``."""
@@ -112,10 +113,8 @@ class FolderDataset(DepthDataset):
         camera = pair.depth_camera if pair.depth_camera.has_focal else pair.camera
         kind = self.reading.kind
         if kind in {DepthEncoding.DISTANCE, DepthEncoding.DISPARITY} and not camera.has_focal:
-            raise DatasetError(
-                f"{pair.depth} holds {kind}, which needs the focal length",
-                f"give it in {CAMERAS_NAME} (id,focal_px)",
-            )
+            message = f"{pair.depth} holds {kind}, which needs the focal length"
+            raise DatasetError(message, f"give it in {CAMERAS_NAME} (id,focal_px)")
         return read_truth(_file(pair.depth), replace(self.reading, camera=camera))
 
     def raw_depth_m(self, i: int) -> Float32Array:
@@ -123,11 +122,10 @@ class FolderDataset(DepthDataset):
         return metres(read_truth(self.root / "raw_depth" / f"{self.pairs[i].id}.png", self.reading))
 
     def for_camera(self, hfov_deg: float, aspect: float) -> Self:
-        """Scale depth for training a network for one camera.
+        """Scale depth for training a network for one camera (docs/cameras.md).
 
-        A network cannot see the focal length: with twice of it, objects look half as far away. So
-        depth is divided by the ratio of focal lengths; predictions are multiplied by it again
-        (docs/cameras.md). Images of any aspect (width over height) are stretched to one input.
+        A network cannot see the focal length: with twice of it, objects look half as far away.
+        Images of any aspect (width over height) are stretched to one input.
         """
         angle, scaled = 2 * math.tan(math.radians(hfov_deg) / 2), []
         for i, focal_px in enumerate(self.focal_px):
@@ -141,29 +139,25 @@ class FolderDataset(DepthDataset):
             return self
         with as_dataset_error():
             metadata = [read_metadata(_file(pair.depth)) for pair in self.pairs]
-        found = [positive_number(texts.get("focal_px")) for texts in metadata]
-        if 0 < found.count(None) < len(found):
-            silent = self.pairs[found.index(None)].depth
-            told = f"{silent} states no focal length, but other depth images beside it do"
-            raise DatasetError(told, f"add {CAMERAS_NAME} (id,focal_px) with that of each pair")
-        pairs = zip(self.pairs, found, strict=True)
+        focals_px = [positive_number(texts.get("focal_px")) for texts in metadata]
+        if 0 < focals_px.count(None) < len(focals_px):
+            silent = self.pairs[focals_px.index(None)].depth
+            message = f"{silent} states no focal length, but other depth images beside it do"
+            raise DatasetError(message, f"add {CAMERAS_NAME} (id,focal_px) with that of each pair")
+        pairs = zip(self.pairs, focals_px, strict=True)
         return replace(self, pairs=tuple(replace(p, camera=Intrinsics(f)) for p, f in pairs))
 
     def without_unfit_cameras(self) -> tuple[Self, tuple[str, ...]]:
         """The pairs without cameras of images of another size, and a warning about them."""
-        fits: dict[Intrinsics, bool] = {}
-        pairs = []
-        for i, pair in enumerate(self.pairs):
-            if pair.camera.centre_px is None:
-                pairs.append(pair)
-                continue
-            if pair.camera not in fits:
-                height, width = self._image_shape(i)
-                fits[pair.camera] = _is_of(pair.camera, width, height)
-            kept = pair if fits[pair.camera] else replace(pair, camera=UNKNOWN_CAMERA)
-            pairs.append(kept)
-        if all(fits.values()):
+        first = {pair.camera: i for i, pair in reversed([*enumerate(self.pairs)])}
+        sizes = ((camera, self._image_shape(i)) for camera, i in first.items() if camera.centre_px)
+        unfit = {camera for camera, (height, width) in sizes if not _is_of(camera, width, height)}
+        if not unfit:
             return self, ()
+        pairs = (
+            replace(pair, camera=UNKNOWN_CAMERA) if pair.camera in unfit else pair
+            for pair in self.pairs
+        )
         warning = Message(
             f"{self.root} has cameras of images of another size, which are not used",
             f"state focal_px in {CAMERAS_NAME}",
@@ -175,17 +169,13 @@ class FolderDataset(DepthDataset):
         path = _file(self.pairs[i].image)
         with as_dataset_error():
             data = read_bytes(path)
-            header = None if _may_be_turned(data) else read.check(data, str(path)).header
+            # JPEG and PNG without EXIF state no orientation, by which the size would be exchanged.
+            is_plain = data.startswith((b"\xff\xd8", SIGNATURE))
+            may_be_turned = not is_plain or b"Exif" in data or b"eXIf" in data
+            header = None if may_be_turned else read.check(data, str(path)).header
         if header and expected in {(), (header.height, header.width)}:
             return header.height, header.width
-        height, width = read_image_rgb(path).shape[:2]
-        return height, width
-
-
-def _may_be_turned(data: bytes) -> bool:
-    """Whether a file may state an orientation: JPEG and PNG without EXIF do not."""
-    is_plain = data.startswith((b"\xff\xd8", SIGNATURE))
-    return not is_plain or b"Exif" in data or b"eXIf" in data
+        return read_image_rgb(path).shape[:2]
 
 
 def _file(path: Path | None) -> Path:
@@ -211,8 +201,8 @@ def in_view(depth_m: Float32Array, pair: Pair, shape: tuple[int, int]) -> Float3
         return depth_m
     if abs(width * rows / (height * columns) - 1) > _SIMILAR_ASPECT:
         advice = "register the depth to it, or add intrinsic_color.txt and intrinsic_depth.txt"
-        told = f"{pair.image} is {width}×{height}, its depth {columns}×{rows}: another view"
-        raise DatasetError(told, advice)
+        message = f"{pair.image} is {width}×{height}, its depth {columns}×{rows}: another view"
+        raise DatasetError(message, advice)
     resized = cv2.resize(depth_m, (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
     return np.asarray(resized, np.float32)
 
@@ -269,25 +259,19 @@ def _with_cameras(path: Path, pairs: tuple[Pair, ...]) -> tuple[Pair, ...]:
         return pairs
     with as_dataset_error():
         lenses = read_lenses(table)
-    found = [replace(pair, camera=lenses.get(pair.id, UNKNOWN_CAMERA)) for pair in pairs]
-    missing = [pair.id for pair in found if pair.camera.focal_px is None]
-    if missing:
-        raise DatasetError(
-            f"{table} has no focal_px of {missing[0]!r}: it needs id,focal_px and each pair"
-        )
-    return tuple(found)
+    for pair in pairs:
+        if lenses.get(pair.id, UNKNOWN_CAMERA).focal_px is None:
+            message = f"{table} has no focal_px of {pair.id!r}: it needs id,focal_px and each pair"
+            raise DatasetError(message)
+    return tuple(replace(pair, camera=lenses[pair.id]) for pair in pairs)
 
 
 def open_unpaired_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> FolderDataset:
-    """List the files of ``rgb/`` and ``depth/``; names and sizes need not match.
-
-    It is as long as the longer list, and the shorter one is repeated.
-    """
+    """Images of ``rgb/`` and depth of ``depth/``, of any names; the shorter list is repeated."""
     images, depths = layouts.list_unpaired(path)
-    pairs = []
-    for i in range(max(len(images), len(depths))):
-        image, depth = images[i % len(images)], depths[i % len(depths)]
-        pairs.append(Pair(f"{image.name} {depth.name}", image=image, depth=depth))
+    count = max(len(images), len(depths))
+    files = islice(zip(cycle(images), cycle(depths), strict=False), count)
+    pairs = (Pair(f"{image.name} {depth.name}", image=image, depth=depth) for image, depth in files)
     dataset = FolderDataset(tuple(pairs), path, reading, paired=False)
     _check_unit(dataset, PLAUSIBLE_M)
     return replace(dataset, warnings=dataset.stored(0).warnings_with_scale("png_scale"))
@@ -299,5 +283,5 @@ def _check_unit(dataset: FolderDataset, range_m: tuple[float, float]) -> None:
     medians = [float(np.median(d[d > 0])) for d in maps_m if (d > 0).any()]
     typical_m, (low_m, high_m) = float(np.median(medians or [0])), range_m
     if not low_m <= typical_m <= high_m:
-        where = f"{dataset.root} has a median depth of {typical_m:.3g} m"
-        raise DatasetError(f"{where}, outside {low_m:g}-{high_m:g} m", _UNIT_ADVICE)
+        message = f"a median depth of {typical_m:.3g} m, outside {low_m:g}-{high_m:g} m"
+        raise DatasetError(f"{dataset.root} has {message}", _UNIT_ADVICE)

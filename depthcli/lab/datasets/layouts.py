@@ -6,15 +6,12 @@ and ``depth/`` (ScanNet, Redwood), ``*.color.*`` and ``*.depth.*`` (7-Scenes, 3D
 
 import os
 import re
+from bisect import bisect_left
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
-from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.errors import DatasetError, UsageError
 from depthcli.io.calibration import read_calibration
@@ -89,32 +86,27 @@ _LAYOUTS = (
 def list_pairs(root: Path, patterns: tuple[str, str] | None = None) -> Listing:
     """Pair the images of a folder with their depth.
 
-    Args:
-        root: the folder.
-        patterns: of the paths of images and of depth below it, in which ``*`` stands for what the
-            two of a pair have in common; None for the first known layout that fits.
+    ``patterns`` are those of the paths of images and of depth, where ``*`` stands for what a pair
+    has in common; None for the first known layout that fits.
     """
     if patterns:
         image, depth = map(_expression, patterns)
         layout = Layout(f"{patterns[0]} and {patterns[1]}", image, depth)
-        found = _paired(root, layout, list_files(root))
-        if not found.pairs:
+        listing = _paired(root, layout, list_files(root))
+        if not listing.pairs:
             raise DatasetError(f"{root} has no files of one name by {layout.name}")
-        return found
+        return listing
     if tables := sorted(root.glob("assoc*.txt")):
         return Listing(_associated(tables[0]), f"TUM RGB-D, by {tables[0].name}", _TUM_UNITS)
     is_plain = (root / "rgb").is_dir() and (root / "depth").is_dir()
     files = list_files(root, ("rgb", "depth") if is_plain else ("",))
     layouts = (_PLAIN,) if is_plain else _LAYOUTS[1:]
-    listings = (_paired(root, layout, files) for layout in layouts)
-    for found in listings:
-        if found.pairs:
-            return found
-    raise DatasetError(
-        f"{root} has no pairs of image and depth in a known layout: rgb/ and depth/, color/ and "
-        "depth/, *.color.png and *.depth.png, TUM RGB-D or KITTI",
-        "name its files with {rgb} and {depth}",
-    )
+    for listing in (_paired(root, layout, files) for layout in layouts):
+        if listing.pairs:
+            return listing
+    names = "rgb/ and depth/, color/ and depth/, *.color.png and *.depth.png, TUM RGB-D or KITTI"
+    message = f"{root} has no pairs of image and depth in a known layout: {names}"
+    raise DatasetError(message, "name its files with {rgb} and {depth}")
 
 
 def list_unpaired(root: Path) -> tuple[list[Path], list[Path]]:
@@ -132,22 +124,22 @@ def list_files(root: Path, folders: Iterable[str] = ("",)) -> list[str]:
         raise DatasetError(f"{root} is not a folder")
     walked = (entry for folder in folders for entry in os.walk(root / folder, followlinks=True))
     files = (Path(parent, name) for parent, _, names in walked for name in names)
-    found = (file for file in files if not file.name.startswith(".") and file.is_file())
-    return sorted(file.relative_to(root).as_posix() for file in found)
+    visible = (file for file in files if not file.name.startswith(".") and file.is_file())
+    return sorted(file.relative_to(root).as_posix() for file in visible)
 
 
 def matching(root: Path, files: Iterable[str], expression: str) -> dict[str, Path]:
     """Files whose path is of an expression, by its groups."""
-    compiled, found = re.compile(expression, re.IGNORECASE), dict[str, Path]()
+    compiled, paths = re.compile(expression, re.IGNORECASE), dict[str, Path]()
     for file in files:
         match = compiled.fullmatch(file)
         if match is None:
             continue
         name = "/".join(part.strip("/") for part in match.groups() if part)
-        if name in found:
-            raise DatasetError(f"{found[name]} and {root / file} share one name: remove one")
-        found[name] = root / file
-    return found
+        if name in paths:
+            raise DatasetError(f"{paths[name]} and {root / file} share one name: remove one")
+        paths[name] = root / file
+    return paths
 
 
 def _expression(pattern: str) -> str:
@@ -169,52 +161,45 @@ def _paired(root: Path, layout: Layout, files: list[str]) -> Listing:
             units = _TUM_UNITS
     unpaired = sorted((images.keys() - partner_of.keys()) | (depths.keys() - partner_of.values()))
     if (layout is _PLAIN and not partner_of) or (is_complete and unpaired):
-        raise DatasetError(
-            f"{root} has {len(images)} images and {len(depths)} depth images, {len(unpaired)} "
-            f"without a partner{f' (first: {unpaired[0]})' if unpaired else ''}",
-            "name the files with {rgb} and {depth} if their names differ",
-        )
+        first = f" (first: {unpaired[0]})" if unpaired else ""
+        counts = f"{len(images)} images and {len(depths)} depth images, {len(unpaired)}"
+        advice = "name the files with {rgb} and {depth} if their names differ"
+        raise DatasetError(f"{root} has {counts} without a partner{first}", advice)
     pairs = [_pair(root, name, images[name], depths[partner_of[name]]) for name in partner_of]
     return Listing(tuple(pairs), layout.name, units, len(unpaired))
 
 
 def _pair(root: Path, name: str, image: Path, depth: Path) -> Pair:
-    own = image.parent.with_name("intrinsics") / f"{image.stem}.txt"  # in KITTI's selection
-    part = name.partition("/")[0]
-    return Pair(
-        name,
-        name.rpartition("/")[0],
-        part if part in _PARTS else "",
-        image=image,
-        depth=depth,
-        camera=read_calibration(own)
-        if own.is_file()
-        else _camera_near(image.parent, root, _COLOUR_CAMERAS),
-        depth_camera=_camera_near(depth.parent, root, _DEPTH_CAMERAS),
-    )
+    kitti = image.parent.with_name("intrinsics") / f"{image.stem}.txt"  # of its selection
+    camera = _camera_near(image.parent, root, _COLOUR_CAMERAS)
+    camera = read_calibration(kitti) if kitti.is_file() else camera
+    depth_camera = _camera_near(depth.parent, root, _DEPTH_CAMERAS)
+    scene, part = name.rpartition("/")[0], name.partition("/")[0]
+    split = part if part in _PARTS else ""
+    return Pair(name, scene, split, image, depth, camera, depth_camera)
 
 
 def _nearest_in_time(images: Mapping[str, Path], depths: Mapping[str, Path]) -> dict[str, str]:
     """The depth that is nearest in time to each image, and the image to it; {} without stamps."""
     if not all(map(_TIME.fullmatch, (*images, *depths))):
         return {}
-    names = list(images), list(depths)
-    image_s, depth_s = (np.array([float(name) for name in side]) for side in names)
-    partner, image_of = _nearest(image_s, depth_s), _nearest(depth_s, image_s)
+    partner, image_of = _nearest(images, depths), _nearest(depths, images)
     return {
-        names[0][i]: names[1][j]
-        for i, j in enumerate(partner)
-        if image_of[j] == i and abs(image_s[i] - depth_s[j]) <= _MOST_APART_S
+        image: depth
+        for image, depth in partner.items()
+        if image_of[depth] == image and abs(float(image) - float(depth)) <= _MOST_APART_S
     }
 
 
-def _nearest(times_s: Float64Array, among_s: Float64Array) -> npt.NDArray[np.intp]:
-    """Position in ``among_s`` of the nearest to each time."""
-    order = among_s.argsort()
-    after = among_s[order].searchsorted(times_s)
-    before, after = order[(after - 1).clip(0)], order[after.clip(max=len(order) - 1)]
-    is_before = np.abs(times_s - among_s[before]) <= np.abs(times_s - among_s[after])
-    return np.asarray(np.where(is_before, before, after), np.intp)
+def _nearest(stamps: Iterable[str], others: Iterable[str]) -> dict[str, str]:
+    """The other that is nearest in time to each of some time stamps, the earlier of two."""
+    ordered = sorted(others, key=float)
+    times_s, nearest = list(map(float, ordered)), {}
+    for stamp in stamps:
+        after = bisect_left(times_s, float(stamp))
+        around = range(max(0, after - 1), min(after + 1, len(ordered)))
+        nearest[stamp] = ordered[min(around, key=lambda i: abs(times_s[i] - float(stamp)))]
+    return nearest
 
 
 def _associated(table: Path) -> tuple[Pair, ...]:
@@ -226,10 +211,9 @@ def _associated(table: Path) -> tuple[Pair, ...]:
             continue
         if len(words) < 4:  # noqa: PLR2004
             raise DatasetError(f"{table}: {line!r} is not TIME IMAGE TIME DEPTH")
-        files = [table.parent / words[1], table.parent / words[3]]
-        if "depth" in words[1].lower():
-            files.reverse()
-        pairs.append(_pair(table.parent, files[0].stem, *files))
+        order = (3, 1) if "depth" in words[1].lower() else (1, 3)
+        image, depth = (table.parent / words[i] for i in order)
+        pairs.append(_pair(table.parent, image.stem, image, depth))
     return tuple(pairs)
 
 

@@ -10,7 +10,6 @@ Images", ECCV 2012.
 """
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +31,9 @@ _ENVIRONMENT = "DEPTHCLI_NYU"
 _WHOLE = "2,972,037,809 bytes, MD5 520609c519fba3ba5ac58c8fefcc3530"
 _PAGE = "https://cs.nyu.edu/~silberman/datasets/nyu_depth_v2.html"
 _DAMAGED = (AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError)
+INDEX_NAME = "index.csv"
+PLAUSIBLE_M = (0.8, 9.0)  #: metres × 256 would read as 0.7 m, metres × 4000 as 11 m
+_COLUMNS = ("id", "scene", "official_split")
 
 
 @dataclass(frozen=True)
@@ -61,10 +63,7 @@ class NyuMat(DepthDataset):
 
 
 def open_mat(path: Path) -> NyuMat:
-    """Open the file.
-
-    An index.csv beside it supplies the official split, which the file lacks.
-    """
+    """Open the file; an index.csv beside it supplies the official split, which the file lacks."""
     try:
         import h5py  # noqa: PLC0415 - optional, and only this format needs it
     except ImportError as error:
@@ -73,24 +72,15 @@ def open_mat(path: Path) -> NyuMat:
         file = h5py.File(path, "r")
         count = min(len(file[name]) for name in ("images", "depths"))
         references = np.ravel(file["scenes"][()])
-        scenes = ["".join(map(chr, np.ravel(file[one][()]))) for one in references]
+        scenes = ["".join(map(chr, np.ravel(file[reference][()]))) for reference in references]
     except _DAMAGED as error:
-        raise DatasetError(
-            f"{path} is not a complete {MAT_NAME}",
-            f"fetch it again if it was cut short (it has {_WHOLE})",
-        ) from error
-    index_path = path.with_name(INDEX_NAME)
-    index = read_index(index_path) if index_path.is_file() else {}
-    known = {pair_id: pair.official_split for pair_id, pair in index.items()}
-    ids = [f"{i:04d}" for i in range(count)]
-    pairs = (Pair(i, scene, known.get(i, "")) for i, scene in zip(ids, scenes, strict=True))
+        advice = f"fetch it again if it was cut short (it has {_WHOLE})"
+        raise DatasetError(f"{path} is not a complete {MAT_NAME}", advice) from error
+    table, pairs = path.with_name(INDEX_NAME), []
+    index = read_index(table) if table.is_file() else {}
+    for name, scene in zip((f"{i:04d}" for i in range(count)), scenes, strict=True):
+        pairs.append(Pair(name, scene, index.get(name, Pair(name)).official_split))
     return NyuMat(tuple(pairs), path, file)
-
-
-INDEX_NAME = "index.csv"
-PLAUSIBLE_M = (0.8, 9.0)  #: metres × 256 would read as 0.7 m, metres × 4000 as 11 m
-
-_COLUMNS = ("id", "scene", "official_split")
 
 
 def located_nyu(path: Path) -> Path:
@@ -98,8 +88,8 @@ def located_nyu(path: Path) -> Path:
     if path != Path("nyu") or path.exists():
         return path
     if _ENVIRONMENT not in os.environ:
-        told = f"{_ENVIRONMENT} does not say where NYU Depth v2 is"
-        raise DatasetError(told, f"set it to {MAT_NAME} ({_WHOLE}) from {_PAGE}")
+        message = f"{_ENVIRONMENT} does not say where NYU Depth v2 is"
+        raise DatasetError(message, f"set it to {MAT_NAME} ({_WHOLE}) from {_PAGE}")
     return Path(os.environ[_ENVIRONMENT])
 
 
@@ -109,47 +99,42 @@ def open_nyu(path: Path) -> DepthDataset:
     if path.is_file():
         return open_mat(path)
     if not path.is_dir():
-        raise DatasetError(
-            f"{path} does not exist", f"give {MAT_NAME} or a folder with rgb/, depth/ and index.csv"
-        )
+        advice = f"give {MAT_NAME} or a folder with rgb/, depth/ and index.csv"
+        raise DatasetError(f"{path} does not exist", advice)
     if (path / MAT_NAME).is_file():
         return open_mat(path / MAT_NAME)
     if not (path / INDEX_NAME).is_file():
-        raise DatasetError(
-            f"{path} is not NYU Depth v2: it has neither {MAT_NAME} nor {INDEX_NAME}",
-            "compare (exported) models on pairs of your own with 'depthcli eval pairs'",
-        )
+        message = f"{path} is not NYU Depth v2: it has neither {MAT_NAME} nor {INDEX_NAME}"
+        advice = "compare (exported) models on pairs of your own with 'depthcli eval pairs'"
+        raise DatasetError(message, advice)
     return open_indexed_folder(path)
 
 
 def is_nyu(folder: Path) -> bool:
     """Whether a folder holds the .mat file, or an index.csv with NYU's numbers alone as ids."""
-    index = folder / INDEX_NAME
-    if (folder / MAT_NAME).is_file():
-        return True
-    return index.is_file() and all(map(is_label, read_index(index)))
+    index, mat = folder / INDEX_NAME, folder / MAT_NAME
+    return mat.is_file() or (index.is_file() and all(map(is_label, read_index(index))))
 
 
 def open_indexed_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> folders.FolderDataset:
     """Open a folder with rgb/, depth/ and index.csv, of NYU Depth v2 or of one's own."""
     index = read_index(path / INDEX_NAME)
     if all(map(is_label, index)):
-        known = DepthReadOptions(unstated_scale=MILLIMETRES)
-        dataset = folders.open_paired_folder(path, known, plausible_m=PLAUSIBLE_M)
+        millimetres = DepthReadOptions(unstated_scale=MILLIMETRES)
+        dataset = folders.open_paired_folder(path, millimetres, plausible_m=PLAUSIBLE_M)
         dataset = replace(dataset, notes=())
     else:
         dataset = folders.open_paired_folder(path, reading)
     differing = sorted(set(index) ^ set(dataset.ids))
     if differing:
-        raise DatasetError(
-            f"{path / INDEX_NAME} lists {len(index)} pairs but the folder holds {len(dataset)} "
-            f"(first difference: {differing[0]})"
-        )
-    named = (
-        replace(pair, scene=index[pair.id].scene, official_split=index[pair.id].official_split)
-        for pair in dataset.pairs
-    )
-    return replace(dataset, pairs=tuple(named))
+        counts = f"{len(index)} pairs but the folder holds {len(dataset)}"
+        message = f"lists {counts} (first difference: {differing[0]})"
+        raise DatasetError(f"{path / INDEX_NAME} {message}")
+    pairs = []
+    for pair in dataset.pairs:
+        scene, split = index[pair.id].scene, index[pair.id].official_split
+        pairs.append(replace(pair, scene=scene, official_split=split))
+    return replace(dataset, pairs=tuple(pairs))
 
 
 def read_index(path: Path) -> dict[str, Pair]:
@@ -160,16 +145,11 @@ def read_index(path: Path) -> dict[str, Pair]:
     missing = [name for name in _COLUMNS if name not in table.columns]
     if missing:
         raise DatasetError(f"{path} lacks the column {missing[0]}: needs {', '.join(_COLUMNS)}")
-    index = {row["id"]: _listed_pair(path, row) for row in rows}
+    for part in (row["official_split"] for row in rows):
+        if part not in {"train", "test", ""}:
+            message = f"has the official split {short_repr(part)}: it is train, test or empty"
+            raise DatasetError(f"{path} {message}")
+    index = {row["id"]: Pair(row["id"], row["scene"], row["official_split"]) for row in rows}
     if len(index) != len(rows):
         raise DatasetError(f"{path} names {len(rows) - len(index)} ids more than once")
     return index
-
-
-def _listed_pair(path: Path, row: Mapping[str, str]) -> Pair:
-    part = row["official_split"]
-    if part not in {"train", "test", ""}:
-        raise DatasetError(
-            f"{path} has the official split {short_repr(part)}: it is train, test or empty"
-        )
-    return Pair(row["id"], row["scene"], part)

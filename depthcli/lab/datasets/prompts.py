@@ -7,7 +7,7 @@ from enum import StrEnum
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array
+from depthcli.core.arrays import Float32Array, Float64Array, Int64Array
 from depthcli.core.options import short_repr
 from depthcli.errors import UsageError
 
@@ -24,6 +24,7 @@ _SLOPE = 0.1  # largest, of lidar lines
 _LEAST_DENSITY = 0.3  # of the points of a lidar line
 _EDGE, _EDGE_HOLES = 0.1, 0.7  # log ratio of neighbours at an edge, and share of them without depth
 _CORNER_PX = 5
+_FORM = re.compile(r"([a-z]+):([1-9]\d{0,6})((?:,(?:noise|wrong)=0?\.\d+)*)")
 
 
 class Pattern(StrEnum):
@@ -31,10 +32,10 @@ class Pattern(StrEnum):
 
     UNIFORM = "uniform"  #: points anywhere; the size is their number
     LIDAR = "lidar"  #: slanted lines; the size is their number
-    CAMERA = "camera"
-    """A depth camera, with holes at edges and beyond its range; the size is its columns."""
-    CORNERS = "corners"
-    """Corners of the image, as visual odometry tracks; the size is their number."""
+    CAMERA = "camera"  #: a depth camera, with holes at edges; the size is its columns
+    CORNERS = (
+        "corners"  #: corners of the image, as visual odometry tracks; the size is their number
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,19 +54,13 @@ class Prompt:
 
     def __str__(self) -> str:
         errors = {"noise": self.noise, "wrong": self.wrong}
-        told = "".join(f",{name}={share:g}" for name, share in errors.items() if share)
-        return f"{self.pattern}:{self.size}{told}"
+        suffix = "".join(f",{name}={share:g}" for name, share in errors.items() if share)
+        return f"{self.pattern}:{self.size}{suffix}"
 
     def draw(self, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Map:
-        """Draw known depth from a map.
+        """Draw known depth, (H, W) float32 metres, 0 where nothing is known.
 
-        Args:
-            depth_m: (H, W) metres; 0 or NaN where there is none.
-            gray: (H, W) float32, the image.
-            random: the only source of randomness.
-
-        Returns:
-            (H, W) float32 metres, 0 where nothing is known.
+        It is that of ``depth_m``, (H, W) metres, 0 or NaN for none, of the image ``gray`` (H, W).
         """
         height, width = depth_m.shape
         y, x = _PLACES[self.pattern](self, depth_m, gray, random)
@@ -78,26 +73,20 @@ class Prompt:
         seen_m = depth_m[(y + rows).clip(0, height - 1), (x + columns).clip(0, width - 1)]
         seen_m = self._with_errors(seen_m.astype(np.float64), random)
         sparse = np.zeros(depth_m.shape, np.float32)
-        known = np.isfinite(seen_m) & (seen_m > 0)
-        sparse[y[known], x[known]] = seen_m[known]
+        has_depth = np.isfinite(seen_m) & (seen_m > 0)
+        sparse[y[has_depth], x[has_depth]] = seen_m[has_depth]
         return sparse
 
     def _with_errors(self, seen_m: Float64Array, random: np.random.Generator) -> Float64Array:
-        noise_m = _kinect_noise_m(seen_m) if self.has_kinect_noise else self.noise * seen_m
+        # Kinect's: Nguyen, Izadi, Lovell: Modeling Kinect sensor noise for improved 3D
+        # reconstruction and tracking. 3DIMPVT 2012.
+        kinect_m = 0.0012 + 0.0019 * (seen_m - 0.4) ** 2
+        noise_m = kinect_m if self.has_kinect_noise else self.noise * seen_m
         seen_m = seen_m + noise_m * random.standard_normal(len(seen_m))
         is_wrong = random.random(len(seen_m)) < self.wrong
         ratio = random.uniform(*_WRONG_RATIO, len(seen_m))
         ratio = np.where(random.random(len(seen_m)) < _NEARER, 1 / ratio, ratio)
         return np.where(is_wrong, seen_m * ratio, seen_m)
-
-
-def _kinect_noise_m(depth_m: Float64Array) -> Float64Array:
-    """Standard deviation of a Kinect's depth.
-
-    Source: Nguyen, Izadi, Lovell: Modeling Kinect sensor noise for improved 3D reconstruction and
-    tracking. 3DIMPVT 2012.
-    """
-    return 0.0012 + 0.0019 * (depth_m - 0.4) ** 2
 
 
 def _uniform(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
@@ -114,9 +103,9 @@ def _lidar(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generato
     x, size = np.arange(width), prompt.size
     lines = (np.arange(size)[:, None] + phase) * height / size + slope * (x - width / 2)
     y, x = np.rint(lines).astype(np.int64).ravel(), np.tile(x, size)
-    seen = (y >= 0) & (y < height)
-    seen &= random.random(len(x)) < random.uniform(_LEAST_DENSITY, 1)
-    return y[seen], x[seen]
+    is_point = (y >= 0) & (y < height)
+    is_point &= random.random(len(x)) < random.uniform(_LEAST_DENSITY, 1)
+    return y[is_point], x[is_point]
 
 
 def _camera(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
@@ -126,18 +115,12 @@ def _camera(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generat
     rows = max(1, round(columns * height / width))
     x = ((np.arange(columns) + 0.5) * width / columns).astype(np.int64)
     y = ((np.arange(rows) + 0.5) * height / rows).astype(np.int64)
-    seen_m = depth_m[y[:, None], x]
-    is_hole = _beside_edge(seen_m) & (random.random(seen_m.shape) < _EDGE_HOLES)
-    found = np.nonzero((seen_m > 0) & (seen_m < prompt.range_m) & ~is_hole)
-    return y[found[0]], x[found[1]]
-
-
-def _beside_edge(depth_m: _Map) -> BoolArray:
-    """Whether a pixel is farther or nearer than one of the eight around it by a tenth: (H, W)."""
-    log_depth = np.log(np.where(depth_m > 0, depth_m, 1)).astype(np.float32)
-    around = np.ones((3, 3), np.uint8)
-    jump = np.asarray(cv2.dilate(log_depth, around)) - np.asarray(cv2.erode(log_depth, around))
-    return np.asarray(jump > _EDGE)
+    seen_m, around = depth_m[y[:, None], x], np.ones((3, 3), np.uint8)
+    log_depth = np.log(np.where(seen_m > 0, seen_m, 1)).astype(np.float32)
+    jump = np.asarray(cv2.morphologyEx(log_depth, cv2.MORPH_GRADIENT, around))
+    is_hole = (jump > _EDGE) & (random.random(seen_m.shape) < _EDGE_HOLES)
+    places = np.nonzero((seen_m > 0) & (seen_m < prompt.range_m) & ~is_hole)
+    return y[places[0]], x[places[1]]
 
 
 def _corners(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
@@ -156,17 +139,15 @@ _PLACES = {
     Pattern.CAMERA: _camera,
     Pattern.CORNERS: _corners,
 }
-_FORM = re.compile(r"([a-z]+):([1-9]\d{0,6})((?:,(?:noise|wrong)=0?\.\d+)*)")
 
 
 def parsed_prompt(text: str) -> Prompt:
     """A prompt of the form ``uniform:500`` or ``lidar:4,noise=0.02,wrong=0.25``."""
     form = _FORM.fullmatch(text)
     if form is None or form[1] not in tuple(Pattern):
-        raise UsageError(
-            f"{short_repr(text)} is no pattern: give {', '.join(f'{one}:N' for one in Pattern)}, "
-            "and if needed ,noise=0.02 or ,wrong=0.25"
-        )
+        names = ":N, ".join(Pattern)
+        advice = f"give {names}:N, and if needed ,noise=0.02 or ,wrong=0.25"
+        raise UsageError(f"{short_repr(text)} is no pattern: {advice}")
     errors = dict(part.split("=") for part in form[3].split(",")[1:])
     noise, wrong = (float(errors.get(name, 0)) for name in ("noise", "wrong"))
     return Prompt(Pattern(form[1]), int(form[2]), noise, wrong=wrong)

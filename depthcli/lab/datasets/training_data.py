@@ -10,7 +10,7 @@ from depthcli.lab.datasets import folders, layouts, nyu
 from depthcli.lab.datasets.base import PAPER_TRAIN_COUNT, DepthDataset, opener_of
 
 NYU_HFOV_DEG = 63.3  #: horizontal field of view of NYU Depth v2's camera, degrees
-NYU_ASPECT = 4 / 3  #: width over height of NYU Depth v2's pictures
+NYU_ASPECT = 4 / 3  #: width over height of NYU Depth v2's images
 NYU_PAPER = "NYU Depth v2, labelled pairs 1-1000"
 NYU_OFFICIAL = "NYU Depth v2, the official split's training pairs"
 
@@ -32,65 +32,50 @@ class TrainingData(NamedTuple):
 
     def with_pseudo_labels(self, pseudo_labels: folders.FolderDataset) -> "TrainingData":
         """Add further pairs, scaled to this data's camera if their focal lengths are known."""
-        known = pseudo_labels.with_stated_focal_px()
-        if known.focal_px:
-            known = known.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
-        return self._replace(pseudo_labels=known)
+        labels = pseudo_labels.with_stated_focal_px()
+        if labels.focal_px:
+            labels = labels.for_camera(self.hfov_deg or NYU_HFOV_DEG, self.aspect)
+        return self._replace(pseudo_labels=labels)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Assumptions about its files, one line each, in the words of the settings."""
-        found = []
-        for text in self.dataset.warnings:
-            message = text if isinstance(text, Message) else Message(text)
-            advice = message.advice.replace("{png_scale}", "data.units_per_metre")
-            found.append(Message(message.problem, advice))
-        return tuple(found)
-
-    @property
-    def pseudo_labels_title(self) -> str:
-        """Name of the pseudo labels in a model's card; "" if there are none."""
-        if self.pseudo_labels is None:
-            return ""
-        return f"{len(self.pseudo_labels)} pseudo labels ({self.pseudo_labels.root.resolve().name})"
+        texts = self.dataset.warnings
+        messages = (text if isinstance(text, Message) else Message(text) for text in texts)
+        return tuple(
+            Message(message.problem, message.advice.replace("{png_scale}", "data.units_per_metre"))
+            for message in messages
+        )
 
     @property
     def aspect(self) -> float:
-        """Width over height of the first picture."""
+        """Width over height of the first image."""
         height, width = self.dataset.image(0).shape[:2]
         return float(width / height)
 
 
 def open_training_data(
     path: Path,
-    *,
-    paired: bool,
     split: Literal["paper", "official"] = "paper",
     units_per_metre: float = MILLIMETRES,
     patterns: tuple[str, str] | None = None,
+    *,
+    paired: bool,
 ) -> TrainingData:
-    """Open a data set to train on.
+    """Open a data set to train on: NYU Depth v2, another of ``LAYOUTS``, or pairs of your own.
 
-    Args:
-        path: NYU Depth v2, as :func:`~depthcli.lab.datasets.nyu.open_nyu` takes it, of which only
-            the training part is used; another folder of
-            :data:`~depthcli.lab.datasets.base.LAYOUTS`; or a folder of ``rgb/`` and ``depth/`` with
-            other names than NYU's numbers, whose subfolders are the scenes if it has no index.csv.
-        paired: whether each picture needs its depth. If not, and names or sizes in the two folders
-            differ, they are opened as unpaired.
-        split: of NYU Depth v2, whose training part is used. Of other data, ``official`` is what the
-            data itself names "train", and ``paper`` is all of it.
-        units_per_metre: value of one metre in the depth images of a folder of your own.
-        patterns: of the names of images and depth in it; None for a known layout.
+    If images need not be ``paired`` with depth, ``rgb/`` and ``depth/`` may differ in names and
+    sizes. Of your own pairs, whose depth has ``units_per_metre``, the ``official`` split is what an
+    index.csv calls "train", and ``paper`` is all of them.
     """
     path = nyu.located_nyu(path)
     reading = DepthReadOptions(scale=None if units_per_metre == MILLIMETRES else units_per_metre)
     if not patterns and (not path.is_dir() or nyu.is_nyu(path)):
         _refuse_unit(path, reading)
         if (path / folders.CAMERAS_NAME).is_file():
+            advice = f"remove {folders.CAMERAS_NAME}, or rename the pairs if they are your own"
             raise DatasetError(
-                f"{path} has the ids of NYU Depth v2, whose camera is known: remove "
-                f"{folders.CAMERAS_NAME}, or rename the pairs if they are your own"
+                f"{path} has the ids of NYU Depth v2, whose camera is known: {advice}"
             )
         title = NYU_OFFICIAL if split == "official" else NYU_PAPER
         data = TrainingData(nyu.open_nyu(path), title, NYU_HFOV_DEG)
@@ -105,7 +90,7 @@ def open_training_data(
     data = data._replace(dataset=part)
     if data.hfov_deg is None and isinstance(part, folders.FolderDataset) and part.focal_px:
         part = part.for_camera(NYU_HFOV_DEG, data.aspect)
-        return data._replace(dataset=part, hfov_deg=NYU_HFOV_DEG)
+        data = data._replace(dataset=part, hfov_deg=NYU_HFOV_DEG)
     return data
 
 

@@ -17,22 +17,15 @@ from depthcli.core.arrays import Float64Array
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DatasetError, UsageError
-from depthcli.lab.datasets.base import DepthDataset, SplitName
+from depthcli.lab.datasets.base import DepthDataset
+from depthcli.lab.evaluation import predictors as sources
 from depthcli.lab.evaluation import report
-from depthcli.lab.evaluation.breakdown import breakdowns, distance_ranges, sums_by_distance
-from depthcli.lab.evaluation.predictors import (
-    TRIVIAL_NAMES,
-    ModelPredictor,
-    Predictor,
-    Sample,
-    fit_trivial,
-)
 from depthcli.lab.evaluation.protocol import HEADLINE, EvalProtocol, compare_boundaries
 from depthcli.lab.evaluation.task import EvalTask, group_by_seed, train_mark, train_overlap
 from depthcli.lab.metrics.alignment import SUITABLE, align
 from depthcli.lab.metrics.boundary import BoundaryScores, mean_boundary_scores
-from depthcli.lab.metrics.depth import METRICS, PixelSums, Scores, mean_scores
-from depthcli.lab.options import Alignment, Averaging, Mask, Part
+from depthcli.lab.metrics.depth import METRICS, PixelSums, Scores, mean_of, mean_scores, values_of
+from depthcli.lab.options import Alignment, Averaging, Mask, Part, SplitName
 from depthcli.lab.training.provenance import TrainedRun
 
 _PAPER_ORDER = [row.name.removesuffix(" (paper)").lower() for row in report.PUBLISHED]
@@ -62,23 +55,23 @@ HEADLINE_TABLE = EvalOptions()
 class Entry(NamedTuple):
     """A predictor and its rows of the table."""
 
-    predictor: Predictor  #: what is evaluated
+    predictor: sources.Predictor  #: what is evaluated
     alignments: tuple[Alignment, ...]  #: a row for each
     train_overlap: int | None = None  #: number of the images it was trained on; None if unknown
     mark: str = ""  #: footnote about training on these images
 
 
 def entry_for(
-    predictor: Predictor,
-    wanted: Sequence[Alignment] = (Alignment.NONE,),
+    predictor: sources.Predictor,
+    alignments: Sequence[Alignment] = (Alignment.NONE,),
     train_overlap: int | None = None,
     mark: str = "",
 ) -> Entry:
     """An entry with those of the alignments that suit the predictor's kind of depth."""
-    suitable = tuple(a for a in dict.fromkeys(wanted) if a in SUITABLE[predictor.kind])
+    suitable = tuple(a for a in dict.fromkeys(alignments) if a in SUITABLE[predictor.kind])
     if not suitable:
-        told = f"{predictor.name} gives {predictor.kind} depth, which has to be aligned"
-        raise UsageError(told, f"add {{align}} {SUITABLE[predictor.kind][0]}")
+        message = f"{predictor.name} gives {predictor.kind} depth, which has to be aligned"
+        raise UsageError(message, f"add {{align}} {SUITABLE[predictor.kind][0]}")
     return Entry(predictor, suitable, train_overlap, mark)
 
 
@@ -89,29 +82,30 @@ class _Line(NamedTuple):
     entries: tuple[Entry, ...]
 
     @property
-    def runs(self) -> list[tuple[ModelPredictor, TrainedRun]]:
+    def runs(self) -> list[tuple[sources.ModelPredictor, TrainedRun]]:
         """The seeds of a training run with their models; empty for other predictors."""
         models = (entry.predictor for entry in self.entries)
-        return [(m, m.run) for m in models if isinstance(m, ModelPredictor) and m.run]
+        return [(m, m.run) for m in models if isinstance(m, sources.ModelPredictor) and m.run]
 
 
 def evaluate(
     task: EvalTask,
-    predictors: Sequence[Predictor],
+    predictors: Sequence[sources.Predictor],
     options: EvalOptions = HEADLINE_TABLE,
     progress: Progress = NO_PROGRESS,
 ) -> report.EvalReport:
-    """Make the table of trivial rows, predictors and published rows.
-
-    Training runs that differ only in their seed are one row.
-    """
+    """The table: trivial rows, predictors (seeds of a training run are one row), published rows."""
     lines = _lines(task, predictors, options)
-    trivial = TRIVIAL_NAMES if options.trivial and task.split.train else ()
+    trivial = sources.TRIVIAL_NAMES if options.trivial and task.split.train else ()
     if options.against is not None:
         names = [*trivial, *(line.name for line in lines)]
         check_against(options.against, names, options.protocol)
     if trivial:
-        lines = [*_trivial_lines(task, options, progress), *lines]
+        alignments = (Alignment.NONE, Alignment.MEDIAN, *options.alignments)
+        means = sources.fit_trivial(
+            task.dataset, task.split.train, options.protocol, progress, options.workers
+        )
+        lines = [*(_Line(mean.name, (entry_for(mean, alignments),)) for mean in means), *lines]
     scored = score(
         task.dataset,
         task.test,
@@ -119,27 +113,31 @@ def evaluate(
         options.protocol,
         progress=progress,
         workers=options.workers,
-        ranges_m=distance_ranges(options.protocol) if Part.DISTANCE in options.parts else (),
+        ranges_m=report.distance_ranges(options.protocol) if Part.DISTANCE in options.parts else (),
     )
     if scored and not any(row.pixel_count for row in scored):
         low_m, high_m = options.protocol.min_m, options.protocol.max_m
-        told = f"no pixel of {len(task.test)} images has depth between {low_m:g} and {high_m:g} m"
-        raise DatasetError(told, "check the unit, and the range that counts")
+        message = f"of {len(task.test)} images has depth between {low_m:g} and {high_m:g} m"
+        raise DatasetError(f"no pixel {message}", "check the unit, and the range that counts")
+    outside = scored[0].outside if scored else (0, 0)
     rest = iter(scored)
     each = [[next(rest) for entry in line.entries for _ in entry.alignments] for line in lines]
     differences: tuple[report.Difference, ...] = ()
     if options.against is not None:
         by_name = {line.name: rows for line, rows in zip(lines, each, strict=True)}
         differences = differences_from(options.against, by_name, task.scenes)
-    broken_down = breakdowns(options.parts, scored, task.scenes, options.protocol)
+    broken_down = report.breakdowns(options.parts, scored, task.scenes, options.protocol)
     if not options.per_image:
         each = [[replace(row, images=()) for row in rows] for rows in each]
     rows: list[report.ReportRow] = []
-    for line, own in zip(lines, each, strict=True):
-        kinds = dict.fromkeys(row.alignment for row in own) if line.runs else {}
-        rows += own if not kinds else [_mean_row(line, own, alignment) for alignment in kinds]
+    for line, seeds in zip(lines, each, strict=True):
+        kinds = dict.fromkeys(row.alignment for row in seeds) if line.runs else {}
+        rows += seeds if not kinds else [_mean_row(line, seeds, alignment) for alignment in kinds]
     if any(line.runs for line in lines):
-        rows = [*sorted(rows, key=_paper_order), *(report.PUBLISHED if options.published else ())]
+        # Other rows, then training runs in the order of the paper, then by name.
+        places = {row.name: [*_PAPER_ORDER, row.name].index(row.name) for row in rows}
+        rows.sort(key=lambda row: (places[row.name], row.name) if row.training else (-1, ""))
+        rows += report.PUBLISHED if options.published else ()
     elif options.published and _is_headline(task, options):
         rows = [*report.PUBLISHED, *rows]
     return report.EvalReport(
@@ -150,7 +148,7 @@ def evaluate(
         train_count=len(task.split.train) if options.trivial else 0,
         protocol=options.protocol,
         rows=tuple(rows),
-        notes=(*task.dataset.notes, *_range_note(scored, options), *_notes(task, lines, options)),
+        notes=(*task.dataset.notes, *_notes(task, lines, options, *outside)),
         differences=differences,
         breakdowns=broken_down,
         scenes=task.scenes,
@@ -169,27 +167,16 @@ def check_against(name: str, rows: Sequence[str], protocol: EvalProtocol = HEADL
         raise UsageError(f"there is no other row than {name}", "add one", option="against")
 
 
-def _trivial_lines(task: EvalTask, options: EvalOptions, progress: Progress) -> list[_Line]:
-    wanted = (Alignment.NONE, Alignment.MEDIAN, *options.alignments)
-    means = fit_trivial(
-        task.dataset,
-        task.split.train,
-        min_m=options.protocol.min_m,
-        max_m=options.protocol.max_m,
-        progress=progress,
-        workers=options.workers,
-    )
-    return [_Line(mean.name, (entry_for(mean, wanted),)) for mean in means]
-
-
-def _lines(task: EvalTask, predictors: Sequence[Predictor], options: EvalOptions) -> list[_Line]:
+def _lines(
+    task: EvalTask, predictors: Sequence[sources.Predictor], options: EvalOptions
+) -> list[_Line]:
     """Predictors with their rows; seeds of a training run stand together."""
-    runs = [p.run for p in predictors if isinstance(p, ModelPredictor) and p.run]
+    runs = [p.run for p in predictors if isinstance(p, sources.ModelPredictor) and p.run]
     group_of = {run.name: name for name, seeds in group_by_seed(runs).items() for run in seeds}
     groups: dict[object, tuple[str, list[Entry]]] = {}
     for predictor in predictors:
         is_run, card = False, None
-        if isinstance(predictor, ModelPredictor):
+        if isinstance(predictor, sources.ModelPredictor):
             is_run, card = predictor.run is not None, predictor.pipeline.card
         name = group_of[predictor.name] if is_run else predictor.name
         overlap = None if card is None else train_overlap(card, task)
@@ -203,22 +190,22 @@ def _mean_row(
     line: _Line, rows: Sequence[report.ReportRow], alignment: Alignment | None
 ) -> report.ReportRow:
     seeds = [row for row in rows if row.alignment is alignment]
-    values = np.array([row.scores.values for row in seeds])
-    std = Scores(tuple(map(float, values.std(0, ddof=1)))) if len(seeds) > 1 else None
+    scores = [row.scores for row in seeds]
+    std = values_of(scores).std(0, ddof=1).tolist() if len(seeds) > 1 else None
     first = seeds[0]
     return report.ReportRow(  # not all that is of the first seed is of the mean
         name=line.name,
         source=first.source,
         alignment=first.alignment,
         image_count=first.image_count,
-        scores=Scores(tuple(map(float, values.mean(0)))),
+        scores=mean_of(scores),
         empty_count=first.empty_count,
         stated=first.stated,
         pixel_count=first.pixel_count,
         note="; ".join(dict.fromkeys(row.note for row in seeds if row.note)),
         training=_training_of(line),
         seeds=tuple(seeds),
-        std=std,
+        std=None if std is None else dict(zip(METRICS, std, strict=True)),
     )
 
 
@@ -237,58 +224,43 @@ def _training_of(line: _Line) -> report.Training:
     )
 
 
-def _paper_order(row: report.ReportRow) -> tuple[int, str]:
-    """Sort key: other rows, then training runs in the order of the paper, then by name."""
-    if row.training is None:
-        return -1, ""
-    return [*_PAPER_ORDER, row.name].index(row.name), row.name
-
-
 def _is_headline(task: EvalTask, options: EvalOptions) -> bool:
-    return task.split.name == SplitName.PAPER and options.protocol.is_headline
+    return task.split.name == SplitName.PAPER and options.protocol == HEADLINE
 
 
-def _range_note(scored: Sequence[report.ReportRow], options: EvalOptions) -> Iterator[str]:
-    outside, known = scored[0].outside if scored else (0, 0)
-    if 2 * outside > known:
+def _notes(
+    task: EvalTask, lines: Sequence[_Line], options: EvalOptions, outside: int, total: int
+) -> Iterator[str]:
+    """Notes on the table; of ``total`` pixels with true depth, some are ``outside`` the range."""
+    split, runs = task.split, [pair for line in lines for pair in line.runs]
+    if 2 * outside > total:
         low_m, high_m = options.protocol.min_m, options.protocol.max_m
         yield (
-            f"{outside / known:.0%} of the true depth is not between {low_m:g} and {high_m:g} m "
+            f"{outside / total:.0%} of the true depth is not between {low_m:g} and {high_m:g} m "
             "and does not count: check its unit and the range"
         )
-
-
-def _notes(task: EvalTask, lines: Sequence[_Line], options: EvalOptions) -> Iterator[str]:
-    split, runs = task.split, [pair for line in lines for pair in line.runs]
     if runs:
         yield "± is the sample standard deviation over the seeds"
         providers = sorted({model.pipeline.session.provider for model, _ in runs})
-        yield (
-            "ms: median of the network alone for one image, onnxruntime on "
-            f"{', '.join(providers)}, measured in turns in this run"
-        )
+        timed = f"onnxruntime on {', '.join(providers)}, measured in turns in this run"
+        yield f"ms: median of the network alone for one image, {timed}"
         short = [run.name for _, run in runs if run.state.epoch < run.config.optim.epochs]
         if short:
             yield f"stopped before their schedule's end: {', '.join(short)}"
         if options.published and split.name != SplitName.PAPER:
-            yield (
-                f"the paper's rows are of its own {report.PUBLISHED_COUNT} test images, "
-                "not of these: their numbers are not comparable"
-            )
+            images = f"its own {report.PUBLISHED_COUNT} test images, not of these"
+            yield f"the paper's rows are of {images}: their numbers are not comparable"
     elif task.is_nyu and not _is_headline(task, options):
-        yield (
-            "the paper's rows belong to the paper split and the headline protocol and are omitted "
-            "here"
-        )
+        rows = "the paper's rows belong to the paper split and the headline protocol"
+        yield f"{rows} and are omitted here"
     if not runs and split.name == SplitName.VAL and len(split.test) != split.test_count:
-        yield (
-            "not all of pairs 1-1000 are here, so the held-out scenes are not those of all of them"
-        )
+        scenes = "the held-out scenes are not those of all of them"
+        yield f"not all of pairs 1-1000 are here, so {scenes}"
     if options.trivial and not split.train:
         yield "no training pair of this split is available: baselines are omitted"
     elif options.trivial and len(split.train) != split.train_count:
-        known = f"{len(split.train)} of the split's {split.train_count} training pairs"
-        yield f"the mean rows were computed from {known}"
+        counts = f"{len(split.train)} of the split's {split.train_count} training pairs"
+        yield f"the mean rows were computed from {counts}"
 
 
 class _ImageSums(NamedTuple):
@@ -301,28 +273,32 @@ class _ImageSums(NamedTuple):
     outside: tuple[int, int]  #: pixels whose true depth is outside the range, and with true depth
     by_distance: tuple[PixelSums, ...]  #: of the pixels of each range of true depth
 
+    @property
+    def scores(self) -> Scores:
+        """Every score of the image."""
+        return self.sums.scores() | (self.boundary._asdict() if self.boundary else {})
+
 
 def _row_of(
     entry: Entry, alignment: Alignment, averaging: Averaging, scored: Mapping[str, _ImageSums]
 ) -> report.ReportRow:
     predictor, images = entry.predictor, scored.values()
-    model = predictor.pipeline.session.model if isinstance(predictor, ModelPredictor) else None
+    model = (
+        predictor.pipeline.session.model if isinstance(predictor, sources.ModelPredictor) else None
+    )
     boundaries = [image.boundary for image in images if image.boundary is not None]
+    boundary = mean_boundary_scores(boundaries)._asdict() if boundaries else {}
     image_count = sum(image.sums.pixel_count > 0 for image in images)
     row = report.ReportRow(
         name=predictor.name,
         source=predictor.source,
         alignment=alignment,
         image_count=image_count,
-        scores=mean_scores((image.sums for image in images), averaging),
+        scores=mean_scores((image.sums for image in images), averaging) | boundary,
         empty_count=len(images) - image_count,
         model_sha256=model.sha256 if model else None,
-        images=tuple(
-            report.ImageScores(name, image.sums.scores(), image.boundary)
-            for name, image in scored.items()
-        ),
+        images=tuple(report.ImageScores(name, image.scores) for name, image in scored.items()),
         by_distance=tuple(image.by_distance for image in images),
-        boundary=mean_boundary_scores(boundaries) if boundaries else None,
         train_overlap=entry.train_overlap,
         reversed_count=sum(image.is_reversed for image in images),
         stated=predictor.stated,
@@ -338,8 +314,8 @@ def _footnotes(row: report.ReportRow, mark: str) -> Iterator[str]:
     if mark:
         yield mark
     if row.missing_count:
-        told = f"{row.missing_count} of {row.pixel_count} pixels, which count as the nearest depth"
-        yield f"{name} has no depth in {told}"
+        pixels = f"{row.missing_count} of {row.pixel_count} pixels"
+        yield f"{name} has no depth in {pixels}, which count as the nearest depth"
     if count and row.source is not report.Source.TRIVIAL:
         usual = ": its kind of depth may be wrong" if 2 * count > images else ""
         if row.alignment is not Alignment.NONE:
@@ -363,8 +339,8 @@ def score(
 ) -> tuple[report.ReportRow, ...]:
     """A row for each alignment of each entry, scored on the same images, each read at most once.
 
-    A worker processes a whole image; sums are added in the order of the images, so that results do
-    not depend on the number of workers. With 0 workers, the calling thread does the work.
+    Sums are added in the order of the images, so results do not depend on the number of workers.
+    With 0 workers, the calling thread does the work.
     """
     rows = [(entry, alignment) for entry in entries for alignment in entry.alignments]
     scored: list[dict[str, _ImageSums]] = [{} for _ in rows]
@@ -372,8 +348,8 @@ def score(
     score = partial(_score_image, dataset, entries, protocol, ranges_m)
     with one_thread_each(workers), closing(ordered_map(score, test, workers=workers)) as images:
         for position, image in zip(test, images, strict=True):
-            for own, one in zip(scored, image, strict=True):
-                own[dataset.ids[position]] = one
+            for by_id, sums in zip(scored, image, strict=True):
+                by_id[dataset.ids[position]] = sums
             advance(1)
     each = zip(rows, scored, strict=True)
     return tuple(_row_of(*row, protocol.averaging, images) for row, images in each)
@@ -387,15 +363,15 @@ def _score_image(
     position: int,
 ) -> list[_ImageSums]:
     """The scores of one image for every row; thread-safe."""
-    sample, found, depth_m = Sample(dataset, position), [], dataset.depth_m(position)
+    sample, rows, depth_m = sources.Sample(dataset, position), [], dataset.depth_m(position)
     raw_depth_m = dataset.raw_depth_m(position) if protocol.mask is Mask.RAW else None
     try:
         truth = protocol.truth(depth_m, raw_depth_m)
     except DatasetError as error:
         raise DatasetError(error.message.about(sample.id)) from error
-    known = depth_m > 0
+    has_depth = depth_m > 0
     counted = (depth_m > protocol.min_m) & (depth_m < protocol.max_m)
-    outside = int(np.count_nonzero(known & ~counted)), int(np.count_nonzero(known))
+    outside = int(np.count_nonzero(has_depth & ~counted)), int(np.count_nonzero(has_depth))
     for entry in entries:
         depth = entry.predictor.predict(sample)
         for alignment in entry.alignments:
@@ -407,9 +383,9 @@ def _score_image(
                 predicted, true_m = pixels.prediction, pixels.truth
                 exact = predicted.astype(np.float64), true_m.astype(np.float64)
                 _, turned = align(*exact, Alignment.DEPTH)
-            sums, parts = PixelSums.of(pixels), sums_by_distance(pixels, ranges_m)
-            found.append(_ImageSums(sums, boundary, turned, missing, outside, parts))
-    return found
+            sums, parts = PixelSums.of(pixels), report.sums_by_distance(pixels, ranges_m)
+            rows.append(_ImageSums(sums, boundary, turned, missing, outside, parts))
+    return rows
 
 
 def differences_from(
@@ -417,38 +393,34 @@ def differences_from(
 ) -> tuple[report.Difference, ...]:
     """Paired differences between one row and every other of the same alignment.
 
-    ``groups`` has the rows of the seeds by name, with scores per image, which are averaged over the
-    seeds; ``scenes`` has the scene of each image id.
+    ``groups`` has the rows of each seed by name, with scores per image; ``scenes`` is by image.
     """
-    found = []
+    differences = []
     for alignment in dict.fromkeys(row.alignment for row in groups[name]):
-        own = _per_image(groups[name], alignment)
+        minuend = _per_image(groups[name], alignment)
         order = [scenes[image.id] for image in groups[name][0].images]
         for other, rows in groups.items():
             if other == name or all(row.alignment is not alignment for row in rows):
                 continue
-            values = own - _per_image(rows, alignment)
+            values = minuend - _per_image(rows, alignment)
             intervals = tuple(scene_interval(column, order) for column in values.T)
             is_scored = np.isfinite(values).any(1)  # others were excluded
             scenes_scored = set(np.asarray(order)[is_scored])
-            found.append(report.Difference(name, other, alignment, intervals, len(scenes_scored)))
-    return tuple(found)
+            differences.append(
+                report.Difference(name, other, alignment, intervals, len(scenes_scored))
+            )
+    return tuple(differences)
 
 
 def _per_image(rows: Sequence[report.ReportRow], alignment: Alignment | None) -> Float64Array:
     """(N, metrics): the scores of each image, averaged over the seeds."""
     seeds = [row.images for row in rows if row.alignment is alignment]
-    values = [[[image.scores[name] for name in METRICS] for image in images] for images in seeds]
-    averaged: Float64Array = np.asarray(values, np.float64).mean(0)
-    return averaged
+    values = [values_of(image.scores for image in images) for images in seeds]
+    return np.asarray(np.mean(values, 0))
 
 
 def scene_interval(values: Float64Array, scenes: Sequence[str]) -> report.Interval:
-    """The mean over images, and its bootstrap interval with scenes resampled.
-
-    ``values`` (N,) has one value per image, or NaN, and ``scenes`` the scene of each. One scene
-    alone has no interval.
-    """
+    """The mean of a value (N,) per image, NaN for none, and its interval: scenes are resampled."""
     valid_mask = np.isfinite(values)
     _, scene = np.unique(np.asarray(scenes)[valid_mask], return_inverse=True)
     sums = np.bincount(scene, values[valid_mask])

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.evaluation.task import EvalTask
 from depthcli.lab.metrics.alignment import SUITABLE
 
-PICTURES = 6
+IMAGES = 6
 _CELL_WIDTH_PX = 240
 _CLIPPED_PERCENT = 2
 _COLORMAP = Colormap.INFERNO
@@ -36,15 +35,13 @@ class Figure:
     png: bytes  #: content of the PNG file
 
 
-def choose_pictures(
-    task: EvalTask, ids: Sequence[str] = (), count: int = PICTURES
-) -> tuple[int, ...]:
+def choose_images(task: EvalTask, ids: Sequence[str] = (), count: int = IMAGES) -> tuple[int, ...]:
     """Positions of the images to show: the given ids, or ``count``, evenly over the scenes."""
     places = dict(zip(task.ids, task.test, strict=True))
     unknown = [name for name in ids if name not in places]
     if unknown:
-        told = f"{unknown[0]} is not among the {len(places)} images that are compared"
-        raise UsageError(told, "take ids of the split's test part")
+        message = f"{unknown[0]} is not among the {len(places)} images that are compared"
+        raise UsageError(message, "take ids of the split's test part")
     if ids:
         return tuple(places[name] for name in ids)
     by_scene = sorted(task.test, key=lambda i: task.dataset.scenes[i])
@@ -53,32 +50,25 @@ def choose_pictures(
     return tuple(sorted(by_scene[k] for k in chosen))
 
 
-class _FigureRow(NamedTuple):
-    picture: UInt8Array  #: (H, W, 3) RGB uint8, gray
-    depths: tuple[DepthMap, ...]  #: prediction of each predictor, then ground truth; metres
-    limits_m: tuple[float, float]  #: near and far end of the colour scale, metres
-
-
 def draw_figures(
     task: EvalTask,
     positions: Sequence[int],
-    shown: Sequence[tuple[str, Predictor]],
+    predictors: Sequence[tuple[str, Predictor]],
     progress: Progress = NO_PROGRESS,
 ) -> tuple[Figure, Figure]:
-    """Draw a figure in gray and one in colour: input, a column per predictor, ground truth.
+    """Draw figures in gray and in colour: input, a column per (title, predictor), ground truth.
 
-    ``shown`` has the title and the predictor of each column. Every row has the range of its ground
-    truth. Non-metric depth is aligned to it first.
+    Every row has the range of its ground truth, to which depth without metres is fitted first.
     """
-    advance, rows = progress.begin("drawing pictures", len(positions)), []
+    advance, rows = progress.begin("drawing images", len(positions)), []
     for position in positions:
-        rows.append(_figure_row(task.dataset, position, [predictor for _, predictor in shown]))
+        rows.append(_figure_row(task.dataset, position, [predictor for _, predictor in predictors]))
         advance(1)
-    columns = ["input", *(title for title, _ in shown), "truth"]
+    columns = ["input", *(title for title, _ in predictors), "truth"]
     ids = ", ".join(task.dataset.ids[i] for i in positions)
-    rule = f"pictures {ids} from top to bottom; each row has the range of its truth"
+    rule = f"images {ids} from top to bottom; each row has the range of its truth"
     gray, coloured = (
-        encode_png(contact_sheet([_pictures_of_row(row, colours) for row in rows], columns))
+        encode_png(contact_sheet([_images_of_row(*row, colours) for row in rows], columns))
         for colours in (Colormap.GRAY, _COLORMAP)
     )
     return (
@@ -89,17 +79,16 @@ def draw_figures(
 
 def _figure_row(
     dataset: DepthDataset, position: int, predictors: Sequence[Predictor]
-) -> _FigureRow:
+) -> tuple[UInt8Array, list[DepthMap], tuple[float, float]]:
+    """Gray image, predictions and ground truth, and the ends of its range, in metres."""
     sample, truth_m = Sample(dataset, position), dataset.depth_m(position)
-    picture = np.rint(255 * value_channel(sample.frame.pixels)).astype(np.uint8)
+    image = np.rint(255 * value_channel(sample.frame.pixels)).astype(np.uint8)
     maps = [_fit_to_truth(predictor.predict(sample), truth_m) for predictor in predictors]
     valid_mask = truth_m > 0
     ends = (_CLIPPED_PERCENT, 100 - _CLIPPED_PERCENT)
     near, far = np.percentile(truth_m[valid_mask] if valid_mask.any() else 1.0, ends)
     truth = DepthMap(np.where(valid_mask, truth_m, np.float32(np.nan)))
-    return _FigureRow(
-        np.repeat(picture[..., None], 3, 2), (*maps, truth), (float(near), float(far))
-    )
+    return np.repeat(image[..., None], 3, 2), [*maps, truth], (float(near), float(far))
 
 
 def _fit_to_truth(depth: DepthMap, truth_m: Float32Array) -> DepthMap:
@@ -112,12 +101,14 @@ def _fit_to_truth(depth: DepthMap, truth_m: Float32Array) -> DepthMap:
     return DepthMap(metres)
 
 
-def _pictures_of_row(row: _FigureRow, colormap: Colormap) -> list[UInt8Array]:
+def _images_of_row(
+    image: UInt8Array, depths: list[DepthMap], ends_m: tuple[float, float], colormap: Colormap
+) -> list[UInt8Array]:
     """The cells of a row, of one size; colours have a legend."""
-    (rows, columns), (near, far) = row.picture.shape[:2], row.limits_m
+    (rows, columns), (near, far) = image.shape[:2], ends_m
     writer = PreviewWriter(colormap=colormap, vmin=near, vmax=far)
     size = _CELL_WIDTH_PX, max(1, round(rows * _CELL_WIDTH_PX / columns))
-    images = (row.picture, *map(writer.render, row.depths))
+    images = (image, *map(writer.render, depths))
     cells = [np.rint(resize_area(i.astype(np.float32), *size)).astype(np.uint8) for i in images]
     if colormap is not Colormap.GRAY:
         cells[-1] = with_legend(cells[-1], colour_table(colormap), near, far, DepthKind.METRIC)

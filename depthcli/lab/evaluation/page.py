@@ -2,29 +2,27 @@
 
 import base64
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import chain, groupby, repeat
+from pathlib import Path
+from string import Template
 
 from depthcli.core.options import one_line
 from depthcli.io.stored.metadata import SOFTWARE
+from depthcli.lab.evaluation import report as reports
 from depthcli.lab.evaluation.figures import Figure
-from depthcli.lab.evaluation.report import (
-    Breakdown,
-    Difference,
-    EvalReport,
-    ReportRow,
-    Source,
-    Training,
-)
 from depthcli.lab.metrics.boundary import HIGHER_IS_BETTER
-from depthcli.lab.metrics.depth import METRICS
+from depthcli.lab.metrics.depth import METRICS, Scores
 from depthcli.lab.options import Part
 
 _TRAINING = ("paired", "seeds", "epochs", "steps", "minutes", "params", "ms")
 _DECIMALS = {"silog": 2, "dbe_acc": 2, "dbe_comp": 2}
 _FEW_SCENES = 12  # with fewer, simulated intervals hold the true difference in less than 90 %
 _TEXT_COLUMNS = 2
+_HTML = Template(Path(__file__).with_name("page.html").read_text("utf-8"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +45,11 @@ class Page:
         return "\n".join([*lines, "", *self.notes])
 
 
-def report_page(report: EvalReport) -> Page:
+def report_page(report: reports.EvalReport) -> Page:
     """The text of a report."""
     training = _TRAINING if report.has_training else ()
+    models = (model for row in report.rows for model in row.seeds or (row,))
+    checksums = (f"{row.name} sha256 {row.model_sha256}" for row in models if row.model_sha256)
     header = ["row", "align", *training, "images", "pixels", *report.columns]
     return Page(
         report.title,
@@ -57,129 +57,105 @@ def report_page(report: EvalReport) -> Page:
         [header, *(_row_cells(row, report) for row in report.rows)],
         _footnotes(report),
         [*_differences(report.differences), *_parts(report.breakdowns)],
-        _model_checksums(report.rows),
+        list(dict.fromkeys(map(one_line, checksums))),
     )
 
 
-def _row_cells(row: ReportRow, report: EvalReport) -> list[str]:
-    scores = row.items(boundary=report.protocol.boundary)
+def _row_cells(row: reports.ReportRow, report: reports.EvalReport) -> list[str]:
     return [
         one_line(row.name) + ("*" if row.note else ""),
         row.alignment or "-",
         *(_training_cells(row.training) if report.has_training else ()),
         str(row.image_count),
         str(row.pixel_count or "-"),
-        *(_score_cell(metric, value, row) for metric, value in scores),
+        *(_number(name, row.scores.get(name, math.nan), row.std) for name in report.columns),
     ]
 
 
-def _score_cell(metric: str, mean: float, row: ReportRow) -> str:
-    std = f"±{_number(metric, row.std[metric])}" if row.std and not math.isnan(mean) else ""
-    return f"{_number(metric, mean)}{std}"
+def _number(metric: str, value: float, std: Scores | None = None) -> str:
+    decimals = _DECIMALS.get(metric, 4)
+    spread = f"±{std[metric]:.{decimals}f}" if std and metric in std else ""
+    return "-" if math.isnan(value) else f"{value:.{decimals}f}{spread}"
 
 
-def _number(metric: str, value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.{_DECIMALS.get(metric, 4)}f}"
-
-
-def _training_cells(training: Training | None) -> list[str]:
+def _training_cells(training: reports.Training | None) -> list[str]:
     if training is None:
         return ["-"] * len(_TRAINING)
+    epochs, steps = (
+        "-".join(map(str, sorted({min(values), max(values)})))
+        for values in (training.epochs, training.steps)
+    )
     return [
         "yes" if training.paired else "no",
         str(len(training.seeds)),
-        f"{_min_to_max(training.epochs)}/{training.epochs_planned}",
-        _min_to_max(training.steps),
+        f"{epochs}/{training.epochs_planned}",
+        steps,
         f"{sum(training.minutes) / len(training.minutes):.1f}",
         f"{training.parameters / 1e6:.2f}M",
         f"{training.latency_ms:.1f}",
     ]
 
 
-def _min_to_max(values: Sequence[int]) -> str:
-    low, high = min(values), max(values)
-    return str(low) if low == high else f"{low}-{high}"
-
-
-def _footnotes(report: EvalReport) -> list[str]:
-    metrics = report.columns
+def _footnotes(report: reports.EvalReport) -> list[str]:
     upward = {name for name, metric in METRICS.items() if metric.higher_is_better}
-    higher = ", ".join(name for name in metrics if name in upward | HIGHER_IS_BETTER)
-    units: dict[str, list[str]] = {}
-    for name in metrics:
-        if name in METRICS and METRICS[name].unit:
-            units.setdefault(METRICS[name].unit, []).append(name)
-    stated = "".join(f"; {' and '.join(names)} in {unit}" for unit, names in units.items())
-    marked = dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note)
-    depths: dict[str, list[str]] = {}
+    higher = ", ".join(name for name in report.columns if name in upward | HIGHER_IS_BETTER)
+    units, depths = defaultdict[str, list[str]](list), defaultdict[str, list[str]](list)
+    for metric in METRICS.values():
+        units[metric.unit].append(metric.name)
+    units.pop("", None)
+    in_units = "".join(f"; {' and '.join(names)} in {unit}" for unit, names in units.items())
     for row in report.rows:
-        if row.source is not Source.PUBLISHED:
-            depths.setdefault(row.stated, []).append(one_line(row.name))
-    kinds = (f"{stated} ({', '.join(dict.fromkeys(rows))})" for stated, rows in depths.items())
+        if row.source is not reports.Source.PUBLISHED:
+            depths[row.stated].append(one_line(row.name))
+    kinds = (f"{depth} ({', '.join(dict.fromkeys(rows))})" for depth, rows in depths.items())
     empty = sorted({row.empty_count for row in report.rows} - {0})
     return [
-        f"higher is better for {higher}, lower for the others{stated}",
+        f"higher is better for {higher}, lower for the others{in_units}",
         *([f"predictions: {'; '.join(kinds)}"] if depths else []),
-        *marked,
+        *dict.fromkeys(f"* {one_line(row.note)}" for row in report.rows if row.note),
         *report.notes,
         *(f"{count} images have no valid pixel and are excluded" for count in empty),
     ]
 
 
 def _differences(
-    differences: Sequence[Difference],
+    differences: Sequence[reports.Difference],
 ) -> Iterator[tuple[str, list[list[str]]]]:
-    """Title and cells for each row that others are subtracted from, header first.
+    """Title and cells of each comparison, header first: means and bounds of the intervals."""
+    for name, members in groupby(differences, lambda difference: difference.name):
+        group, lines = list(members), [["minus", "align", "", *METRICS]]
+        for difference in group:
+            intervals = difference.intervals
+            means = (_signed(i.mean, "!" if i.is_significant else " ") for i in intervals)
+            lines += [
+                [one_line(difference.other), difference.alignment or "-", "mean", *means],
+                ["", "", "low", *(_signed(i.low) for i in intervals)],
+                ["", "", "high", *(_signed(i.high) for i in intervals)],
+            ]
+        yield f"{one_line(name)} minus each row: mean{_interval(group[0].scene_count)}", lines
 
-    There are three lines for each difference: the mean and its interval's bounds.
-    """
-    for name in dict.fromkeys(difference.name for difference in differences):
-        own = [difference for difference in differences if difference.name == name]
-        yield _title(one_line(name), own[0].scene_count), _difference_cells(own)
 
-
-def _title(name: str, scenes: int) -> str:
+def _interval(scenes: int) -> str:
     if scenes == 1:
-        return f"{name} minus each row: mean; 1 scene: no interval"
+        return "; 1 scene: no interval"
     few = "; of so few, the intervals are too narrow" if scenes < _FEW_SCENES else ""
-    return f"{name} minus each row: mean and 95 % interval over {scenes} scenes; ! excludes 0{few}"
+    return f" and 95 % interval over {scenes} scenes; ! excludes 0{few}"
 
 
-def _difference_cells(differences: Sequence[Difference]) -> list[list[str]]:
-    lines = [["minus", "align", "", *METRICS]]
-    for difference in differences:
-        shown = difference.intervals
-        row = (one_line(difference.other), difference.alignment or "-")
-        lines += [
-            [*row, "mean", *(_signed(i.mean, "!" if i.is_significant else " ") for i in shown)],
-            ["", "", "low", *(_signed(i.low) for i in shown)],
-            ["", "", "high", *(_signed(i.high) for i in shown)],
-        ]
-    return lines
-
-
-def _parts(
-    breakdowns: Sequence[Breakdown],
-) -> Iterator[tuple[str, list[list[str]]]]:
+def _parts(breakdowns: Sequence[reports.Breakdown]) -> Iterator[tuple[str, list[list[str]]]]:
     """Title and cells of each breakdown, header first."""
     for breakdown in breakdowns:
-        counted = "pixels" if breakdown.by is Part.DISTANCE else "images"
-        lines = [[str(breakdown.by), "row", counted, *METRICS]]
-        for one in breakdown.scored:
-            scores = (_number(metric, value) for metric, value in one.scores.items())
-            lines.append([one_line(one.part), one_line(one.row), str(one.count), *scores])
+        unit = "pixels" if breakdown.by is Part.DISTANCE else "images"
+        lines = [[str(breakdown.by), "row", unit, *METRICS]]
+        for part in breakdown.scored:
+            scores = (_number(metric, part.scores[metric]) for metric in METRICS)
+            lines.append([one_line(part.part), one_line(part.row), str(part.count), *scores])
         yield breakdown.title, lines
 
 
 def _signed(value: float, mark: str = " ") -> str:
     """A number with a last character that keeps the digits of a column in line."""
     return ("-" if math.isnan(value) else f"{value:+.4f}") + mark
-
-
-def _model_checksums(rows: Sequence[ReportRow]) -> list[str]:
-    models = (model for row in rows for model in row.seeds or (row,))
-    named = (f"{row.name} sha256 {row.model_sha256}" for row in models if row.model_sha256)
-    return list(dict.fromkeys(map(one_line, named)))
 
 
 def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
@@ -193,68 +169,30 @@ def _aligned(table: Sequence[Sequence[str]]) -> Iterator[str]:
         yield "  ".join(padded).rstrip()
 
 
-_STYLE = """\
-body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 80rem; padding: 0 1rem;
-       color: #1c1c1c; background: #fff; }
-h1 { font-size: 1.3rem; margin-bottom: 0; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; margin: 1.2rem 0; font-variant-numeric: tabular-nums; }
-th, td { padding: .25rem .7rem; text-align: right; white-space: nowrap; }
-th:first-child, td:first-child { text-align: left; }
-thead th { border-bottom: 2px solid #444; }
-tbody tr:nth-child(even) { background: #f3f3f3; }
-ul { padding-left: 1.2rem; color: #444; }
-figure { margin: 2rem 0; }
-figure img { max-width: 100%; height: auto; }
-figcaption { color: #444; }
-footer { color: #444; font-size: .8rem; overflow-wrap: anywhere; }"""
-
-
 def html_page(page: Page, figures: Sequence[Figure] = ()) -> str:
     """The content of the HTML file, with embedded figures."""
-    lines = [
-        "<!doctype html>",
-        '<html lang="en">',
-        '<head><meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{escape(page.title)}</title>",
-        f"<style>\n{_STYLE}\n</style></head>",
-        "<body>",
-        f"<h1>{escape(page.title)}</h1>",
-        f"<p>{escape(page.subtitle)}</p>",
-        *_table_lines(page.table),
-        *(
-            line
-            for title, table in page.sections
-            for line in (f"<p>{escape(title)}</p>", *_table_lines(table))
-        ),
-        "<ul>",
-        *(f"<li>{escape(note)}</li>" for note in page.notes),
-        "</ul>",
-        *(_figure(figure) for figure in figures),
-        f"<footer>{'<br>'.join(map(escape, (SOFTWARE, *page.models)))}</footer>",
-        "</body></html>",
-    ]
-    return "\n".join(lines) + "\n"
+    titled = "".join(f"<p>{escape(name)}</p>\n{_html_table(rows)}" for name, rows in page.sections)
+    return _HTML.substitute(
+        title=escape(page.title),
+        subtitle=escape(page.subtitle),
+        tables=_html_table(page.table) + titled,
+        notes="".join(f"<li>{escape(note)}</li>\n" for note in page.notes),
+        figures="".join(map(_html_figure, figures)),
+        footer="<br>".join(map(escape, (SOFTWARE, *page.models))),
+    )
 
 
-def _table_lines(table: Sequence[Sequence[str]]) -> list[str]:
-    header, *rows = table
-    return [
-        '<div class="scroll"><table>',
-        f"<thead><tr>{_tagged('th', header)}</tr></thead>",
-        "<tbody>",
-        *(f"<tr>{_tagged('td', row)}</tr>" for row in rows),
-        "</tbody></table></div>",
-    ]
+def _html_table(table: Sequence[Sequence[str]]) -> str:
+    head, *rows = (
+        "".join(f"<{tag}>{escape(text)}</{tag}>" for text in cells)
+        for tag, cells in zip(chain(["th"], repeat("td")), table, strict=False)
+    )
+    body = "".join(f"<tr>{row}</tr>\n" for row in rows)
+    head = f'<div class="scroll"><table>\n<thead><tr>{head}</tr></thead>\n'
+    return f"{head}<tbody>\n{body}</tbody></table></div>\n"
 
 
-def _tagged(tag: str, texts: Sequence[str]) -> str:
-    return "".join(f"<{tag}>{escape(text)}</{tag}>" for text in texts)
-
-
-def _figure(figure: Figure) -> str:
-    data = base64.b64encode(figure.png).decode("ascii")
-    caption = escape(figure.caption)
+def _html_figure(figure: Figure) -> str:
+    data, caption = base64.b64encode(figure.png).decode("ascii"), escape(figure.caption)
     image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
-    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
+    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>\n"

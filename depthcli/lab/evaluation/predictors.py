@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -27,8 +28,8 @@ from depthcli.lab.datasets.base import DepthDataset, Pair
 from depthcli.lab.datasets.folders import as_dataset_error
 from depthcli.lab.datasets.layouts import list_files
 from depthcli.lab.datasets.prompts import Pattern, Prompt
+from depthcli.lab.evaluation.protocol import HEADLINE, EvalProtocol
 from depthcli.lab.evaluation.report import Source
-from depthcli.lab.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M
 from depthcli.lab.training.provenance import TrainedRun
 
 SUFFIXES = tuple(f"{middle}{f.facts.file_suffix}" for f in READABLE for middle in ("", ".depth"))
@@ -85,9 +86,8 @@ class ModelPredictor(Predictor):
 
     def predict(self, sample: Sample) -> DepthMap:
         """Depth at the image's size."""
-        points = None
-        if self.prompt is not None and (known := sample.known_points(self.prompt)):
-            points = replace(known, fit=self.fit)
+        drawn = sample.known_points(self.prompt) if self.prompt else None
+        points = replace(drawn, fit=self.fit) if drawn else None
         return self.pipeline.predict(sample.frame, sample.camera, points).depth
 
 
@@ -99,7 +99,7 @@ def open_model(
 ) -> ModelPredictor:
     """Find a model and load it; with known depth, its depth is metric.
 
-    In place of the default one, it is that which takes known depth.
+    The default model gives way to the one that takes known depth.
     """
     session = loader.load()
     has_many = prompt and (prompt.size >= NETWORK_FROM or prompt.pattern is Pattern.LIDAR)
@@ -108,8 +108,8 @@ def open_model(
     pipeline = Pipeline(session, detail)
     name = str(loader.model or pipeline.card.name)
     kind = DepthKind.METRIC if prompt else pipeline.card.output.kind
-    stated = f"{kind}, m" if kind is DepthKind.METRIC else kind
-    return ModelPredictor(name, Source.MODEL, kind, stated, pipeline, prompt=prompt, fit=fit)
+    unit = f"{kind}, m" if kind is DepthKind.METRIC else kind
+    return ModelPredictor(name, Source.MODEL, kind, unit, pipeline, prompt=prompt, fit=fit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,67 +125,61 @@ class FilePredictor(Predictor):
         path = self.files[sample.id]
         stored = _read(path, self.reading, sample)
         if stored.depth.kind is not self.kind:
-            told = f"{path} states {stored.depth.kind} depth, and the first file {self.kind} depth"
-            raise DatasetError(told, "evaluate them in folders of their own")
+            kinds = f"{stored.depth.kind} depth, and the first file {self.kind} depth"
+            raise DatasetError(f"{path} states {kinds}", "evaluate them in folders of their own")
         return stored.displayed
 
 
 def open_predictions(
     folder: Path, samples: Sequence[Sample], reading: DepthReadOptions = AS_STATED
 ) -> FilePredictor:
-    """Check that a folder has ``ID.npy``, or another of :data:`SUFFIXES`, for every image.
-
-    The name may also be the image's, with any of the folders that it is in, if no other has it.
-    """
+    """Check that a folder has a file for every image, named by its id (``ID.npy``) or as it is."""
     if not folder.is_dir():
         raise DatasetError(f"{folder} is not a folder", "give one that holds ID.npy, .exr or .png")
-    ids, found = [sample.id for sample in samples], _found(folder, samples[0].dataset)
-    missing = {suffix: [i for i in ids if i not in files] for suffix, files in found.items()}
+    ids, by_suffix = (
+        [sample.id for sample in samples],
+        _depth_files(folder, samples[0].dataset.pairs),
+    )
+    missing = {suffix: [i for i in ids if i not in files] for suffix, files in by_suffix.items()}
     suffix = min(SUFFIXES, key=lambda s: len(missing[s]))
     if missing[suffix]:
-        raise DatasetError(
-            f"{folder} lacks {len(missing[suffix])} of {len(ids)} predictions "
-            f"(first: {missing[suffix][0]}{suffix})",
-            "every image of the split needs one that is named by its id, or as the image",
-        )
-    files = {i: found[suffix][i] for i in ids}
+        message = f"lacks {len(missing[suffix])} of {len(ids)} predictions"
+        example = f"(first: {missing[suffix][0]}{suffix})"
+        advice = "every image of the split needs one that is named by its id, or as the image"
+        raise DatasetError(f"{folder} {message} {example}", advice)
+    files = {i: by_suffix[suffix][i] for i in ids}
     if several := next((paths for paths in files.values() if len(paths) > 1), None):
         raise DatasetError(f"{several[0]} and {several[1]} are of one image", "remove one")
     first = _read(files[ids[0]][0], reading, samples[0])
-    kind = first.depth.kind
-    is_metric = first.depth.is_metric  # others are fitted to the truth, whatever their scale
-    return FilePredictor(
-        str(folder),
-        Source.FILES,
-        kind,
-        f"{kind}, {first.unit_text}" if is_metric else kind,
-        {image_id: path for image_id, (path,) in files.items()},
-        reading if reading.kind else replace(reading, kind=DepthEncoding(kind)),
-        first.warnings_with_scale("predictions_scale") if is_metric else first.warnings,
-    )
+    kind, unit, warnings = first.depth.kind, str(first.depth.kind), first.warnings
+    if first.depth.is_metric:  # others are fitted to the truth, whatever their scale
+        unit, warnings = (
+            f"{kind}, {first.unit_text}",
+            first.warnings_with_scale("predictions_scale"),
+        )
+    reading = reading if reading.kind else replace(reading, kind=DepthEncoding(kind))
+    paths = {image_id: path for image_id, (path,) in files.items()}
+    return FilePredictor(str(folder), Source.FILES, kind, unit, paths, reading, warnings)
 
 
-def _found(folder: Path, dataset: DepthDataset) -> dict[str, dict[str, list[Path]]]:
-    """The depth files of each image, by suffix and id."""
-    id_of = _ids_by_name(dataset.pairs)
-    found: dict[str, dict[str, list[Path]]] = {suffix: {} for suffix in SUFFIXES}
-    for file in list_files(folder):
-        for suffix in filter(file.endswith, SUFFIXES):
-            image_id = id_of.get(file.removesuffix(suffix))
-            if image_id is not None:
-                found[suffix].setdefault(image_id, []).append(folder / file)
-    return found
+def _depth_files(folder: Path, pairs: Sequence[Pair]) -> dict[str, dict[str, list[Path]]]:
+    """The depth files of each image, by suffix and id.
 
-
-def _ids_by_name(pairs: Sequence[Pair]) -> dict[str, str]:
-    """Id of each image by its names: the id, and ends of its path that no other image has."""
-    ids_of: dict[str, set[str]] = {}
+    An image has the name of its id, and the ends of its path that no other image has.
+    """
+    ids_of = defaultdict[str, set[str]](set)
     for pair in pairs:
         parts = pair.image.with_suffix("").parts if pair.image else ()
         for i in range(len(parts)):
-            ids_of.setdefault("/".join(parts[i:]), set()).add(pair.id)
-    unique = {name: min(ids) for name, ids in ids_of.items() if len(ids) == 1}
-    return unique | {pair.id: pair.id for pair in pairs}
+            ids_of["/".join(parts[i:])].add(pair.id)
+    id_of = {name: min(ids) for name, ids in ids_of.items() if len(ids) == 1}
+    id_of |= {pair.id: pair.id for pair in pairs}
+    files = {suffix: defaultdict[str, list[Path]](list) for suffix in SUFFIXES}
+    for file in list_files(folder):
+        for suffix in filter(file.endswith, SUFFIXES):
+            if image_id := id_of.get(file.removesuffix(suffix)):
+                files[suffix][image_id].append(folder / file)
+    return {suffix: dict(paths) for suffix, paths in files.items()}
 
 
 def _read(path: Path, reading: DepthReadOptions, sample: Sample) -> StoredDepth:
@@ -193,10 +187,8 @@ def _read(path: Path, reading: DepthReadOptions, sample: Sample) -> StoredDepth:
         focal_px, width = sample.camera.focal_px, sample.frame.pixels.shape[1]
         across_deg = hfov_deg(focal_px, width) if focal_px else sample.camera.hfov_deg
         if across_deg is None:
-            raise DatasetError(
-                f"{path} holds {reading.kind}, which needs the focal length",
-                "give it in cameras.csv",
-            )
+            message = f"{path} holds {reading.kind}, which needs the focal length"
+            raise DatasetError(message, "give it in cameras.csv")
         reading = replace(reading, camera=Intrinsics(hfov_deg=across_deg))
     with as_dataset_error():
         return read_stored_depth(path, reading)
@@ -217,16 +209,13 @@ class TrivialPredictor(Predictor):
 def fit_trivial(
     dataset: DepthDataset,
     train: Sequence[int],
-    *,
-    min_m: float = MIN_DEPTH_M,
-    max_m: float = MAX_DEPTH_M,
+    protocol: EvalProtocol = HEADLINE,
     progress: Progress = NO_PROGRESS,
     workers: int = 0,
 ) -> tuple[TrivialPredictor, ...]:
-    """Constant mean and per-pixel mean of the training depth, read once, in constant memory.
+    """Constant and per-pixel mean of the training depth in the range of the protocol.
 
-    Only depth in the open interval (``min_m``, ``max_m``) is used; with 0 workers, pairs are read
-    in the calling thread.
+    Each pair is read once, in constant memory; with 0 workers, by the calling thread.
     """
     sums, counts = np.array([]), np.array([], np.int64)
     advance = progress.begin("mean of training images", len(train))
@@ -235,9 +224,9 @@ def fit_trivial(
             if not counts.size:
                 sums, counts = np.zeros(depth_m.shape), np.zeros(depth_m.shape, np.int64)
             if depth_m.shape != sums.shape:
-                told = f"depth of {dataset.ids[i]} has another size than the others"
-                raise DatasetError(told, "leave out the baselines with {no_trivial}")
-            valid_mask = (depth_m > min_m) & (depth_m < max_m)
+                message = f"depth of {dataset.ids[i]} has another size than the others"
+                raise DatasetError(message, "leave out the baselines with {no_trivial}")
+            valid_mask = (depth_m > protocol.min_m) & (depth_m < protocol.max_m)
             np.add(sums, depth_m, out=sums, where=valid_mask)
             counts += valid_mask
             advance(1)

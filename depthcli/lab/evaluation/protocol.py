@@ -1,4 +1,4 @@
-"""The evaluation protocol: how predictions are compared with ground truth."""
+"""The evaluation protocol: how predictions and their edges are compared with ground truth."""
 
 from dataclasses import dataclass, field
 
@@ -11,7 +11,7 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import DatasetError
 from depthcli.lab.metrics.alignment import align
 from depthcli.lab.metrics.boundary import BoundaryScores, boundary_scores
-from depthcli.lab.metrics.pixels import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
+from depthcli.lab.metrics.depth import MAX_DEPTH_M, MIN_DEPTH_M, DepthPixels
 from depthcli.lab.options import Alignment, Averaging, Crop, Mask
 
 EIGEN_ROWS = slice(45, 471)
@@ -43,24 +43,16 @@ class EvalProtocol:
     averaging: Averaging = Averaging.IMAGE  #: per image or over pooled pixels
     crop: Crop = Crop.NONE  #: part of the frame that is evaluated
     mask: Mask = Mask.FILLED  #: pixels that have ground truth
-    #: (width, height) to which ground truth and prediction are resized before they are compared;
-    #: None for the ground truth's size
-    compare_px: tuple[int, int] | None = None
-    #: upsampling of the models' depth to the picture's size
-    upsampling: Upsampling = Upsampling.BILINEAR
-    #: width of the models' tiles in pixels; None for no tiles, 0 for 3/4 of the width
-    tile_px: int | None = None
-    #: (width, height) that the ground truth must have; None for any
-    full_size_px: tuple[int, int] | None = FULL_SIZE_PX
+    compare_px: tuple[int, int] | None = (
+        None  #: (width, height) to resize both to; None for truth's
+    )
+    upsampling: Upsampling = Upsampling.BILINEAR  #: of the models' depth to the image's size
+    tile_px: int | None = None  #: width of the models' tiles; None for no tiles, 0 for 3/4 of it
+    full_size_px: tuple[int, int] | None = FULL_SIZE_PX  #: (width, height) of truth; None for any
     min_m: float = MIN_DEPTH_M  #: smallest depth evaluated, metres; predictions are clamped to it
     max_m: float = MAX_DEPTH_M  #: largest depth evaluated, metres; predictions are clamped to it
     #: also compute boundary metrics; this changes neither the other metrics nor the name
     boundary: bool = field(default=False, compare=False)
-
-    @property
-    def is_headline(self) -> bool:
-        """Whether every choice is the headline's."""
-        return self == HEADLINE
 
     @property
     def name(self) -> str:
@@ -90,14 +82,11 @@ class EvalProtocol:
         return f"{truth}, {frame} at {size}, {self.min_m:g} < g < {self.max_m:g} m, {average}"
 
     def truth(self, depth_m: Float32Array, raw_depth_m: Float32Array | None = None) -> Truth:
-        """Select the pixels of one image to evaluate.
-
-        Depth, and raw depth for the raw-valid mask, are (H, W) float32 metres, 0 for none.
-        """
+        """Select the pixels to evaluate, of depth and raw depth (H, W) in metres, 0 for none."""
         height, width = depth_m.shape
         if self.full_size_px is not None and (width, height) != self.full_size_px:
-            told = f"the depth is {width}×{height}, not {_size_text(self.full_size_px)}"
-            raise DatasetError(told, "give the data set at its full size")
+            message = f"the depth is {width}×{height}, not {_size_text(self.full_size_px)}"
+            raise DatasetError(message, "give the data set at its full size")
         valid = (depth_m > self.min_m) & (depth_m < self.max_m)
         if raw_depth_m is not None:
             if raw_depth_m.shape != depth_m.shape:
@@ -130,18 +119,15 @@ HEADLINE = EvalProtocol()
 
 def compare_boundaries(pixels: DepthPixels, truth: Truth) -> BoundaryScores:
     """Boundary scores of a result of :meth:`EvalProtocol.compare` with the same ground truth."""
-    maps = []
-    for values in (pixels.truth_m, pixels.predicted_m):
-        depth_m = np.ones(truth.valid.shape)
-        depth_m[truth.valid] = values
-        maps.append(depth_m)
-    return boundary_scores(maps[0], maps[1], truth.valid)
+    truth_m, predicted_m = np.ones((2, *truth.valid.shape))
+    truth_m[truth.valid], predicted_m[truth.valid] = pixels.truth_m, pixels.predicted_m
+    return boundary_scores(truth_m, predicted_m, truth.valid)
 
 
 def _resized(values: Float32Array, width: int, height: int, least: float) -> Float32Array:
     """Values at another size; infinite where most of the weight is that of infinite ones.
 
-    Elsewhere, infinite ones count as the largest finite one, and at least as ``least``.
+    Elsewhere, these count as the largest finite value, and at least as ``least``.
     """
     infinite = np.isposinf(values)
     if not infinite.any():
@@ -164,15 +150,12 @@ def _size_text(size_px: tuple[int, int] | None) -> str:
 
 
 def _crop(crop: Crop, shape: tuple[int, ...]) -> BoolArray:
-    height, width = shape
-    rows, columns = EIGEN_ROWS, EIGEN_COLUMNS
-    if crop is Crop.GARG:
-        rows, columns = (
-            slice(*(int(share * size) for share in shares))
-            for shares, size in ((_GARG_ROWS, height), (_GARG_COLUMNS, width))
-        )
-    elif (width, height) != FULL_SIZE_PX:
-        raise DatasetError(f"the Eigen crop is defined at {_size_text(FULL_SIZE_PX)} only")
     inside = np.zeros(shape, np.bool_)
-    inside[rows, columns] = True
+    part: tuple[slice, ...] = (EIGEN_ROWS, EIGEN_COLUMNS)
+    if crop is Crop.GARG:
+        sides = zip((_GARG_ROWS, _GARG_COLUMNS), shape, strict=True)
+        part = tuple(slice(int(low * size), int(high * size)) for (low, high), size in sides)
+    elif shape[::-1] != FULL_SIZE_PX:
+        raise DatasetError(f"the Eigen crop is defined at {_size_text(FULL_SIZE_PX)} only")
+    inside[part] = True
     return inside

@@ -1,26 +1,37 @@
-"""The table of an evaluation: its rows, the paper's own, and all of it as JSON and CSV."""
+"""The table of an evaluation: its rows, breakdowns by parts, JSON and CSV, and the paper's rows."""
 
 import csv
 import io
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
+from functools import reduce
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from depthcli.io.stored.metadata import SOFTWARE
-from depthcli.lab.datasets.base import ALL_PAIRS, HELD_OUT, SplitName
+from depthcli.lab.datasets.base import ALL_PAIRS, HELD_OUT
 from depthcli.lab.evaluation.protocol import EvalProtocol
-from depthcli.lab.metrics.boundary import BOUNDARY_NAMES, NO_BOUNDARY, BoundaryScores
-from depthcli.lab.metrics.depth import METRICS, PixelSums, Scores, finite_or_none
-from depthcli.lab.options import Alignment, Part
+from depthcli.lab.metrics import depth as metrics
+from depthcli.lab.metrics.boundary import BoundaryScores
+from depthcli.lab.options import Alignment, Part, SplitName
 
+_EDGES_M = (1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 40.0, 80.0)
+_WORST_COUNT = 10
+_WORST_BY = "abs_rel"
+_NUMBER = re.compile(r"[_/-]?\d+[a-z]?$")  # kitchen_0004, living_room_0012b
+_TITLES = {
+    Part.DISTANCE: "error by distance: true depth in metres, over the pixels of all images",
+    Part.SCENE: "error by scene kind: names of scenes without their number, mean of images",
+    Part.IMAGE: f"error by image: the {_WORST_COUNT} of each row with the largest {_WORST_BY}",
+}
 PUBLISHED_COUNT = 449
-_TRAINING = ("paired", "seeds", "epochs", "epochs_planned", "steps", "minutes", "parameters", "ms")
-"""Columns of a training run in CSV."""
+_PAPER = tomllib.loads(Path(__file__).with_name("published.toml").read_text("utf-8"))
 
 
 class Source(StrEnum):
@@ -65,7 +76,7 @@ class PartScores:
     part: str  #: name of the part
     row: str  #: name of the row, and its alignment
     count: int  #: pixels, or images
-    scores: Scores
+    scores: metrics.Scores
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,14 +93,13 @@ class ImageScores:
     """Scores of one image; all NaN if it has no valid pixel."""
 
     id: str
-    scores: Scores
-    boundary: BoundaryScores | None = None
+    scores: metrics.Scores
 
 
-def mean_of(images: Iterable[ImageScores]) -> Scores:
+def mean_of_images(images: Iterable[ImageScores]) -> metrics.Scores:
     """Mean over the images with a valid pixel; NaN if none has one."""
-    values = [image.scores.values for image in images if np.isfinite(image.scores.values).any()]
-    return Scores(tuple(map(float, np.mean(values, 0)))) if values else Scores.of()
+    scores = (image.scores for image in images)
+    return metrics.mean_of([each for each in scores if any(map(math.isfinite, each.values()))])
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,29 +124,23 @@ class ReportRow:
     source: Source  #: origin of its scores
     alignment: Alignment | None  #: alignment per image; None if a published row does not state it
     image_count: int  #: number of images
-    scores: Scores  #: averages over the images
+    scores: metrics.Scores  #: averages over the images, with boundary scores if requested
     empty_count: int = 0  #: images without a valid pixel, which are excluded
     note: str = ""  #: a footnote
     model_sha256: str | None = None  #: checksum of the model, if it is one
     images: tuple[ImageScores, ...] = ()  #: scores per image, if requested
-    by_distance: tuple[tuple[PixelSums, ...], ...] = ()  #: the same, of each range of true depth
-    boundary: BoundaryScores | None = None  #: boundary scores, if requested
-    #: number of these images that the model was trained on; None if unknown
-    train_overlap: int | None = None
+    by_distance: tuple[
+        tuple[metrics.PixelSums, ...], ...
+    ] = ()  #: the same, of each range of true depth
+    train_overlap: int | None = None  #: images that the model was trained on; None if unknown
     reversed_count: int = 0  #: images whose order of depth the alignment reversed
     stated: str = "-"  #: kind and unit of the predictions and who states them
     pixel_count: int = 0  #: pixels that are compared; 0 if it is not known
     missing_count: int = 0  #: pixels of them without a prediction
-    #: pixels whose true depth is outside the range, and all with true depth
-    outside: tuple[int, int] = (0, 0)
+    outside: tuple[int, int] = (0, 0)  #: pixels with true depth outside the range, and all with it
     training: Training | None = None  #: None for a row that is no training run
     seeds: "tuple[ReportRow, ...]" = ()  #: of a training run, the row of each seed
-    #: of a training run, the sample standard deviation over its seeds; None for fewer than two
-    std: Scores | None = None
-
-    def items(self, *, boundary: bool) -> tuple[tuple[str, float], ...]:
-        """(name, value) of every score, in the order of the table's columns."""
-        return (*self.scores.items(), *((self.boundary or NO_BOUNDARY).items() if boundary else ()))
+    std: metrics.Scores | None = None  #: sample standard deviation over seeds, if there are some
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,8 +157,7 @@ class EvalReport:
     notes: tuple[str, ...] = ()  #: footnotes of the table
     differences: tuple[Difference, ...] = ()  #: between one row and every other, if requested
     breakdowns: tuple[Breakdown, ...] = ()  #: scores of parts, if requested
-    #: scene of each image by its id, if rows have scores of each image
-    scenes: Mapping[str, str] = field(default_factory=dict)
+    scenes: Mapping[str, str] = field(default_factory=dict)  #: of images by id, if rows score them
 
     @property
     def has_training(self) -> bool:
@@ -178,7 +181,7 @@ class EvalReport:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the scores."""
-        return (*METRICS, *(BOUNDARY_NAMES if self.protocol.boundary else ()))
+        return (*metrics.METRICS, *(BoundaryScores._fields if self.protocol.boundary else ()))
 
     def to_json(self) -> str:
         """The report as JSON; NaN becomes null."""
@@ -198,30 +201,27 @@ class EvalReport:
             "protocol": protocol,
             "metrics": {
                 metric.name: {"higher_is_better": metric.higher_is_better, "unit": metric.unit}
-                for metric in METRICS.values()
+                for metric in metrics.METRICS.values()
             },
             "rows": [_row_json(row) for row in self.rows],
             "notes": self.notes,
         }
         if self.differences:
-            document["differences"] = [_difference_json(found) for found in self.differences]
+            document["differences"] = list(map(_difference_json, self.differences))
         if self.breakdowns:
             document["breakdowns"] = {
-                one.by: [
-                    asdict(part) | {"scores": finite_or_none(part.scores.items())}
-                    for part in one.scored
-                ]
-                for one in self.breakdowns
+                breakdown.by: list(map(asdict, breakdown.scored)) for breakdown in self.breakdowns
             }
         if self.scenes and any(row.images for row in self.rows):
             document["scenes"] = dict(self.scenes)
-        return json.dumps(document, indent=2)
+        return json.dumps(metrics.finite_or_none(document), indent=2)
 
     def to_csv(self) -> str:
         """One line per row, each with split, number of images and protocol."""
         text = io.StringIO()
         lines = [dict(self._cells(row)) for row in self.rows]
-        writer = csv.DictWriter(text, list(lines[0]) if lines else [], lineterminator="\n")
+        names = max(map(list, lines), key=len, default=[])  # training runs have more columns
+        writer = csv.DictWriter(text, names, lineterminator="\n")
         writer.writeheader()
         writer.writerows(lines)
         return text.getvalue()
@@ -232,12 +232,12 @@ class EvalReport:
         yield from (("dataset", self.dataset), ("split", split), ("images", row.image_count))
         yield from (("depth", row.stated), ("pixels", row.pixel_count or ""))
         yield from (("trained_on", row.train_overlap), ("protocol", self.protocol.name))
-        if self.has_training:
-            yield from zip(_TRAINING, _training_cells(row.training), strict=True)
-        for name, value in row.items(boundary=self.protocol.boundary):
-            yield name, _csv_number(value)
-        if self.has_training:
-            for name in METRICS:
+        if row.training:
+            yield from _training_cells(row.training).items()
+        for name in self.columns:
+            yield name, _csv_number(row.scores.get(name, math.nan))
+        if row.training:
+            for name in metrics.METRICS:
                 yield f"{name}_sd", _csv_number(row.std[name]) if row.std else ""
 
 
@@ -246,20 +246,18 @@ def _csv_number(value: float) -> str:
     return "" if math.isnan(value) else repr(value)
 
 
-def _training_cells(training: Training | None) -> list[str]:
-    """In the order of ``_TRAINING``; several seeds are separated by spaces."""
-    if training is None:
-        return [""] * len(_TRAINING)
-    return [
-        "yes" if training.paired else "no",
-        " ".join(map(str, training.seeds)),
-        " ".join(map(str, training.epochs)),
-        str(training.epochs_planned),
-        " ".join(map(str, training.steps)),
-        " ".join(f"{minutes:.2f}" for minutes in training.minutes),
-        str(training.parameters),
-        f"{training.latency_ms:.3f}",
-    ]
+def _training_cells(training: Training) -> dict[str, str]:
+    """The columns of a training run in CSV; several seeds are separated by spaces."""
+    return {
+        "paired": "yes" if training.paired else "no",
+        "seeds": " ".join(map(str, training.seeds)),
+        "epochs": " ".join(map(str, training.epochs)),
+        "epochs_planned": str(training.epochs_planned),
+        "steps": " ".join(map(str, training.steps)),
+        "minutes": " ".join(f"{minutes:.2f}" for minutes in training.minutes),
+        "parameters": str(training.parameters),
+        "ms": f"{training.latency_ms:.3f}",
+    }
 
 
 def _row_json(row: ReportRow) -> dict[str, Any]:
@@ -271,7 +269,7 @@ def _row_json(row: ReportRow) -> dict[str, Any]:
         "images_without_valid_pixel": row.empty_count,
         "depth": row.stated,
         "pixels": row.pixel_count or None,
-        "scores": _all_scores_json(row),
+        "scores": metrics.in_full(row.scores),
     }
     optional = {
         "images_trained_on": row.train_overlap,
@@ -282,9 +280,11 @@ def _row_json(row: ReportRow) -> dict[str, Any]:
     }
     entry |= {name: value for name, value in optional.items() if value is not None}
     if row.images:
-        entry["per_image"] = [{"id": i.id, **_all_scores_json(i)} for i in row.images]
+        entry["per_image"] = [
+            {"id": image.id, **metrics.in_full(image.scores)} for image in row.images
+        ]
     if row.training is not None:
-        entry["standard_deviation"] = row.std and finite_or_none(row.std.items())
+        entry["standard_deviation"] = row.std
         entry["training"] = asdict(row.training) | {
             "latency_ms": round(row.training.latency_ms, 3),
             "minutes": [round(minutes, 4) for minutes in row.training.minutes],
@@ -293,50 +293,94 @@ def _row_json(row: ReportRow) -> dict[str, Any]:
     return entry
 
 
-def _all_scores_json(scored: ReportRow | ImageScores) -> dict[str, float | None]:
-    boundary = finite_or_none(scored.boundary.items()) if scored.boundary else {}
-    return finite_or_none(scored.scores.items()) | boundary
-
-
 def _difference_json(difference: Difference) -> dict[str, Any]:
-    intervals = zip(METRICS, difference.intervals, strict=True)
     return {
         "row": difference.name,
         "minus": difference.other,
         "align": difference.alignment,
-        "intervals": {name: finite_or_none(asdict(found).items()) for name, found in intervals},
+        "intervals": dict(zip(metrics.METRICS, map(asdict, difference.intervals), strict=True)),
     }
 
 
-_MISPRINT = (
-    "log10 of CycleGAN is a misprint in the paper: log10·ln10 / rms_log is .80 in every other row, "
-    "which puts it near .1435"
-)
-# fmt: off
-_TABLE_I = (  # abs_rel, rmse, rms_log, log10, d1, d2, d3
-    ("CycleGAN", .3483, 1.2226, .4096, .1164, .4401, .7248, .8793, _MISPRINT),
-    ("CUT", .3450, 1.1969, .4048, .1421, .4335, .7317, .8875, ""),
-    ("FastCUT", .3385, 1.2501, .4091, .1426, .4420, .7331, .8821, ""),
-    ("DCLGAN", .3384, 1.1894, .3993, .1398, .4434, .7414, .8903, ""),
-    ("SimDCL", .3483, 1.1881, .4080, .1427, .4380, .7300, .8855, ""),
-    ("HnegSRC", .3514, 1.2163, .4105, .1437, .4328, .7244, .8812, ""),
-    ("Proposed", .2727, .9712, .3363, .1164, .5296, .8154, .9331, ""),
-)
-# fmt: on
+def distance_ranges(protocol: EvalProtocol) -> list[tuple[float, float]]:
+    """Nearest and farthest true depth of each range, metres; they fill that of the protocol."""
+    inside = (edge for edge in _EDGES_M if protocol.min_m < edge < protocol.max_m)
+    edges = [protocol.min_m, *inside, protocol.max_m]
+    return list(pairwise(edges))
+
+
+def sums_by_distance(
+    pixels: metrics.DepthPixels, ranges: Iterable[tuple[float, float]]
+) -> tuple[metrics.PixelSums, ...]:
+    """Sums of the pixels of one image whose true depth is in each range."""
+    sums = []
+    for near_m, far_m in ranges:
+        inside = (pixels.truth >= near_m) & (pixels.truth < far_m)
+        clamp = pixels.min_m, pixels.max_m
+        part = metrics.DepthPixels(pixels.truth[inside], pixels.prediction[inside], *clamp)
+        sums.append(metrics.PixelSums.of(part))
+    return tuple(sums)
+
+
+def breakdowns(
+    parts: Iterable[Part],
+    rows: Sequence[ReportRow],
+    scenes: Mapping[str, str],
+    protocol: EvalProtocol,
+) -> tuple[Breakdown, ...]:
+    """The breakdowns of rows that have the scores of each image, and sums by distance."""
+    scored = {
+        Part.DISTANCE: lambda: _by_distance(rows, distance_ranges(protocol)),
+        Part.SCENE: lambda: _by_scene(rows, scenes),
+        Part.IMAGE: lambda: _worst(rows),
+    }
+    return tuple(
+        Breakdown(part, _TITLES[part], tuple(scored[part]())) for part in dict.fromkeys(parts)
+    )
+
+
+def _by_distance(
+    rows: Sequence[ReportRow], ranges: Sequence[tuple[float, float]]
+) -> Iterator[PartScores]:
+    for i, (near_m, far_m) in enumerate(ranges):
+        for row in rows:
+            total = reduce(metrics.PixelSums.__add__, (sums[i] for sums in row.by_distance))
+            name = f"{near_m:g}-{far_m:g} m"
+            yield PartScores(name, _label(row), total.pixel_count, total.scores())
+
+
+def _by_scene(rows: Sequence[ReportRow], scenes: Mapping[str, str]) -> Iterator[PartScores]:
+    kinds = {
+        name: "unknown" if scene.startswith("/") else _NUMBER.sub("", scene) or scene
+        for name, scene in scenes.items()
+    }
+    for kind in sorted(set(kinds.values())):
+        for row in rows:
+            images = [image for image in row.images if kinds[image.id] == kind]
+            yield PartScores(kind, _label(row), len(images), mean_of_images(images))
+
+
+def _worst(rows: Sequence[ReportRow]) -> Iterator[PartScores]:
+    for row in rows:
+        scored = [image for image in row.images if math.isfinite(image.scores[_WORST_BY])]
+        scored.sort(key=lambda image: image.scores[_WORST_BY], reverse=True)
+        for image in scored[:_WORST_COUNT]:
+            yield PartScores(image.id, _label(row), 1, mean_of_images([image]))
+
+
+def _label(row: ReportRow) -> str:
+    return row.name if row.alignment is Alignment.NONE else f"{row.name}, {row.alignment}"
+
+
 PUBLISHED = tuple(
     ReportRow(
         name=f"{name} (paper)",
         source=Source.PUBLISHED,
         alignment=None,
         image_count=PUBLISHED_COUNT,
-        scores=Scores.of(
-            abs_rel=abs_rel, rmse=rmse, rms_log=rms_log, log10=log10, d1=d1, d2=d2, d3=d3
-        ),
-        note=note,
+        scores=metrics.in_full(dict(zip(_PAPER["metrics"], scores, strict=True))),
+        note=_PAPER["notes"].get(name, ""),
     )
-    for name, abs_rel, rmse, rms_log, log10, d1, d2, d3, note in _TABLE_I
+    for name, scores in _PAPER["rows"].items()
 )
-"""Rows of the paper's Table I as printed, for its 449 test images (pairs 1001-1449).
-
-Source: "Depth Map Estimation from a Single 2D Image".
-"""
+"""Rows of the paper's Table I, for its 449 test images."""

@@ -1,6 +1,7 @@
-"""The images to evaluate on, and which of them a model was trained on."""
+"""The images to evaluate on, runs by seed, and which images a model was trained on."""
 
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,8 +12,8 @@ import numpy as np
 from depthcli.errors import DatasetError, UsageError
 from depthcli.lab.datasets import base
 from depthcli.lab.datasets.training_data import own_pairs_title
-from depthcli.lab.evaluation.predictors import Sample
 from depthcli.lab.evaluation.protocol import FULL_SIZE_PX
+from depthcli.lab.options import SplitName
 from depthcli.lab.training.provenance import TrainedRun, common_ids
 from depthcli.models.card import ModelCard
 
@@ -27,24 +28,18 @@ class EvalTask:
 
     dataset: base.DepthDataset  #: the pairs
     split: base.Split  #: the split, with all of its pairs that the data set has
-    #: positions of the images to evaluate: all test images of the split, or fewer
-    test: tuple[int, ...]
+    test: tuple[int, ...]  #: positions of the images to evaluate: of the split, or fewer
     title: str = base.NYU  #: name of the data set in tables
 
     @property
     def is_nyu(self) -> bool:
         """Whether the pairs are those of NYU Depth v2, to which published rows and cards refer."""
-        return self.split.name in tuple(base.SplitName)
+        return self.split.name in tuple(SplitName)
 
     @property
     def ids(self) -> tuple[str, ...]:
         """Ids of the images to evaluate."""
         return tuple(self.dataset.ids[i] for i in self.test)
-
-    @property
-    def samples(self) -> list[Sample]:
-        """The images to evaluate."""
-        return [Sample(self.dataset, i) for i in self.test]
 
     @property
     def scenes(self) -> dict[str, str]:
@@ -62,14 +57,12 @@ class EvalTask:
         return replace(self, test=tuple(self.test[i] for i in chosen))
 
 
-def plan_nyu(
-    dataset: base.DepthDataset, split: base.SplitName, limit: int | None = None
-) -> EvalTask:
+def plan_nyu(dataset: base.DepthDataset, split: SplitName, limit: int | None = None) -> EvalTask:
     """The test images of a split, or at most ``limit`` of them, evenly over it."""
     divided = base.split_nyu(dataset, split)
     if not divided.test:
-        told = f"no pair here belongs to the test part of the {split} split"
-        raise DatasetError(told, "give the complete labelled set, or another {split}")
+        message = f"no pair here belongs to the test part of the {split} split"
+        raise DatasetError(message, "give the complete labelled set, or another {split}")
     return EvalTask(dataset, divided, divided.test).subsampled(limit)
 
 
@@ -83,61 +76,56 @@ def plan_pairs(dataset: base.DepthDataset, title: str, limit: int | None = None)
 def plan_runs(
     dataset: base.DepthDataset,
     runs: Sequence[TrainedRun],
-    split: base.SplitName = base.SplitName.VAL,
+    split: SplitName = SplitName.VAL,
     limit: int | None = None,
     title: str = base.NYU,
 ) -> EvalTask:
     """Choose images that no run was trained on, at most ``limit``, evenly over the split.
 
-    ``val`` is the pairs that the runs held out, of NYU Depth v2 or, with another title, of a folder
-    of one's own.
+    ``val`` is what the runs held out, also of a folder of your own (any other ``title``).
     """
-    is_held_out = split is base.SplitName.VAL
+    is_held_out = split is SplitName.VAL
     whole = _held_out(dataset, runs, title) if is_held_out else plan_nyu(dataset, split)
     task = whole.subsampled(limit)
     for run in runs:
         data = run.provenance
-        seen = common_ids(base.NYU if task.is_nyu else data.data, task.ids, data.seen_ids)
-        if seen:
-            told = f"{run.name} was trained on {len(seen)} of the {len(task.ids)} test images"
-            raise UsageError(told, "choose another {split}, or omit it")
+        common = common_ids(base.NYU if task.is_nyu else data.data, task.ids, data.seen_ids)
+        if common:
+            message = f"{run.name} was trained on {len(common)} of the {len(task.ids)} test images"
+            raise UsageError(message, "choose another {split}, or omit it")
     return task
 
 
 def _held_out(dataset: base.DepthDataset, runs: Sequence[TrainedRun], title: str) -> EvalTask:
     first = runs[0]
-    train_ids, held_out_ids = first.provenance.train_ids, first.provenance.held_out_ids
+    parts = first.provenance.train_ids, first.provenance.held_out_ids
     for run in runs:
-        if (run.provenance.train_ids, run.provenance.held_out_ids) != (train_ids, held_out_ids):
-            told = f"{first.name} and {run.name} were trained on or hold out different pairs"
-            raise UsageError(told, "compare them separately, or on another {split}")
-    if not held_out_ids:
+        if (run.provenance.train_ids, run.provenance.held_out_ids) != parts:
+            message = f"{first.name} and {run.name} were trained on or hold out different pairs"
+            raise UsageError(message, "compare them separately, or on another {split}")
+    if not parts[1]:
         raise UsageError(f"{first.name} held out no pair", "compare on another {split}")
     places = {name: i for i, name in enumerate(dataset.ids)}
-    missing = [i for i in (*held_out_ids, *train_ids) if i not in places]
+    missing = [i for i in (*parts[1], *parts[0]) if i not in places]
     if missing:
-        told = f"{len(missing)} pairs of the runs are not here (first: {missing[0]})"
-        raise DatasetError(told, "give the data set that they were trained on")
-    train = tuple(places[i] for i in train_ids)
-    test = tuple(places[i] for i in held_out_ids)
-    name = base.SplitName.VAL if title == base.NYU else base.HELD_OUT
+        message = f"{len(missing)} pairs of the runs are not here (first: {missing[0]})"
+        raise DatasetError(message, "give the data set that they were trained on")
+    train, test = (tuple(places[i] for i in ids) for ids in parts)
+    name = SplitName.VAL if title == base.NYU else base.HELD_OUT
     return EvalTask(dataset, base.Split(name, train, test, len(train), len(test)), test, title)
 
 
 def group_by_seed(runs: Iterable[TrainedRun]) -> dict[str, tuple[TrainedRun, ...]]:
-    """Runs that differ only in their seed, by their common name.
-
-    ``cut-seed0`` and ``cut-seed1`` are seeds of ``cut``.
-    """
-    groups: dict[str, list[TrainedRun]] = {}
+    """Runs that differ only in their seed, by their common name: ``cut`` of ``cut-seed0``."""
+    groups = defaultdict[str, list[TrainedRun]](list)
     for run in runs:
-        groups.setdefault(_SEED.sub("", run.name), []).append(run)
+        groups[_SEED.sub("", run.name)].append(run)
     for members in groups.values():
         settings, seeds = {run.settings for run in members}, {run.config.seed for run in members}
         if len(settings) > 1 or len(seeds) < len(members):
             names = ", ".join(run.name for run in members)
-            told = f"{names} are not seeds of one configuration, data and initial weights"
-            raise UsageError(told, "rename their folders")
+            message = f"{names} are not seeds of one configuration, data and initial weights"
+            raise UsageError(message, "rename their folders")
     return {name: tuple(members) for name, members in groups.items()}
 
 
@@ -149,38 +137,31 @@ def train_overlap(card: ModelCard, task: EvalTask) -> int | None:
 
 def train_mark(name: str, card: ModelCard, task: EvalTask, overlap: int | None) -> str:
     """A footnote about a model that was trained on the images to evaluate; "" if it was not."""
-    comparable = "its scores say nothing about new images and are not comparable"
+    trained = ""
     if overlap:
-        return (
-            f"{name} was trained on {overlap} of these images, or on others of their scenes: "
-            f"{comparable}"
-        )
-    if task.is_nyu:
-        return ""
-    if card.training.get("data") == own_pairs_title(Path(task.title)):
-        return f"{name} was trained on a folder {task.title}; if it is this one, {comparable}"
-    size_px = task.dataset.depth_m(task.test[0]).shape[::-1]
-    if size_px == FULL_SIZE_PX and all(map(_NYU_NAME.fullmatch, task.ids)):
-        known = trained_numbers(card, task.dataset) or frozenset()
-        count = sum(int(image_id) in known for image_id in task.ids)
-        if count:
-            return (
-                f"{name} was trained on {count} pairs of NYU Depth v2 with these names; if they "
-                f"are the same, {comparable}"
-            )
-    return ""
+        trained = f"{overlap} of these images, or on others of their scenes:"
+    elif not task.is_nyu and card.training.get("data") == own_pairs_title(Path(task.title)):
+        trained = f"a folder {task.title}; if it is this one,"
+    elif not task.is_nyu and all(map(_NYU_NAME.fullmatch, task.ids)):
+        size_px = task.dataset.depth_m(task.test[0]).shape[::-1]
+        numbers = trained_numbers(card, task.dataset) or frozenset()
+        count = sum(int(image_id) in numbers for image_id in task.ids)
+        if count and size_px == FULL_SIZE_PX:
+            trained = f"{count} pairs of NYU Depth v2 with these names; if they are the same,"
+    comparable = "its scores say nothing about new images and are not comparable"
+    return trained and f"{name} was trained on {trained} {comparable}"
 
 
 def trained_numbers(card: ModelCard, dataset: base.DepthDataset) -> frozenset[int] | None:
-    """Numbers of the pairs that a model was trained on, or whose scenes it was trained on.
+    """Numbers of the pairs that a model, or a run on the split of its card, was trained on.
 
-    None if its card does not state them; the data set has the training pairs of a split.
+    None if the card does not state them.
     """
-    stated, split = card.training.get(base.TRAIN_IDS), card.training.get(TRAIN_SPLIT)
+    ranges, split = card.training.get(base.TRAIN_IDS), card.training.get(TRAIN_SPLIT)
     try:
-        if isinstance(stated, str):
-            return base.parse(stated)
-        positions = base.split_nyu(dataset, base.SplitName(str(split))).train
+        if isinstance(ranges, str):
+            return base.parse(ranges)
+        positions = base.split_nyu(dataset, SplitName(str(split))).train
     except (DatasetError, ValueError):
         return None  # ``training`` in a card is free-form
     return frozenset(int(dataset.ids[i]) for i in positions)

@@ -26,13 +26,11 @@ INPUT, OUTPUT = "image", "depth"
 _TRACED_SIZE = (96, 128)
 _KNOWN = 0.02  # share of known depth in comparisons
 _MIN_FLOAT16_SIZE = 64  # small tensors, such as biases, gain nothing from half precision
+TOLERANCE, FLOAT16_TOLERANCE, INT8_TOLERANCE = 1e-3, 2e-2, 2e-1
 
 
 def build_graph(generator: nn.Module, *, opset: int = OPSET) -> onnx.ModelProto:
-    """A checked model of a generator, with dynamic batch, height and width, and IR version 8.
-
-    Its inputs are (B, C, H, W) in [-1, 1] and, if it follows known depth, that and its mask.
-    """
+    """A checked model of a generator, with dynamic batch, height and width, and IR version 8."""
     network = fold_batch_norm(generator)
     example = torch.zeros(2, _channels(generator), *_TRACED_SIZE)
     inputs = example, *prompts_for(network, example)
@@ -47,9 +45,9 @@ def build_graph(generator: nn.Module, *, opset: int = OPSET) -> onnx.ModelProto:
 
 
 def prompts_for(network: nn.Module, images: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Known depth and its mask for images (B, C, H, W), of a network that takes them; else none.
+    """Known depth and its mask for images (B, C, H, W), if the network takes them; else nothing.
 
-    Of the first of several images, nothing is known.
+    The first of several images has no known depth.
     """
     if not isinstance(network, PromptedGenerator):
         return ()
@@ -114,11 +112,6 @@ def weights_to_float16(model: onnx.ModelProto) -> None:
     graph.node.extend(nodes)
 
 
-TOLERANCE = 1e-3
-FLOAT16_TOLERANCE = 2e-2
-INT8_TOLERANCE = 2e-1
-
-
 @dataclass(frozen=True, slots=True)
 class Parity:
     """Differences between the runtimes, in units of the raw output (range about [-1, 1])."""
@@ -134,33 +127,30 @@ def check_parity(
     model: bytes,
     cases: tuple[tuple[int, int, int], ...],
     tolerance: float = TOLERANCE,
-    pictures: Sequence[Float32Array] = (),
+    images: Sequence[Float32Array] = (),
 ) -> Parity:
-    """Compare torch with onnxruntime on noise and on smooth pictures, (batch, height, width).
+    """Compare torch with onnxruntime on noise and smooth images of cases (batch, height, width).
 
-    Given pictures, (B, C, H, W), are used instead for int8, which is accurate for real ones only.
+    Or on images (B, C, H, W), which int8 needs: it is accurate for real ones only.
     """
     session = ort.InferenceSession(model, providers=["CPUExecutionProvider"])
-    names = [given.name for given in session.get_inputs()]
+    names = [entry.name for entry in session.get_inputs()]
     channels = session.get_inputs()[0].shape[1]
     largest, worst_mean = 0.0, 0.0
     for case in cases:
-        for batch in pictures or _inputs(*case, channels):
-            images = torch.from_numpy(batch)
-            inputs = images, *prompts_for(network, images)
+        for batch in images or _inputs(*case, channels):
+            tensor = torch.from_numpy(batch)
+            inputs = tensor, *prompts_for(network, tensor)
             with torch.no_grad():
-                wanted = network(*inputs).numpy()
-            feed = {name: tensor.numpy() for name, tensor in zip(names, inputs, strict=True)}
-            (found,) = session.run(None, feed)
-            difference = np.abs(found - wanted)
+                expected = network(*inputs).numpy()
+            feed = {name: value.numpy() for name, value in zip(names, inputs, strict=True)}
+            difference = np.abs(session.run(None, feed)[0] - expected)
             # A NaN must not pass a comparison.
             largest = max(largest, float(np.nan_to_num(difference.max(), nan=np.inf)))
             worst_mean = max(worst_mean, float(difference.mean()))
     if largest > tolerance:
-        raise ParityError(
-            f"torch and onnxruntime differ by up to {largest:.2g}, more than {tolerance:g}; "
-            "nothing was written"
-        )
+        message = f"torch and onnxruntime differ by up to {largest:.2g}, more than {tolerance:g}"
+        raise ParityError(f"{message}; nothing was written")
     return Parity(largest, worst_mean, cases, tolerance)
 
 

@@ -1,5 +1,6 @@
 """Rounding an exported network to 8 bits, but for its first block and its output."""
 
+import copy
 import logging
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
@@ -31,7 +32,7 @@ _CHAIN = ("Conv", "Clip", "Relu")  # operators next to the input
 _LEVELS = 64  # of a weight of 7 bits, on each side of 0
 _LEAST_SHARE = 0.05  # of the largest channel, which each is taken to have
 _Feed = dict[str, Float32Array]
-MAX_PICTURES = 64
+MAX_IMAGES = 64
 
 
 def quantize(
@@ -40,14 +41,14 @@ def quantize(
     """Quantize weights (per channel) and activations to int8, in QDQ format.
 
     Weights use 7 bits: CPUs with AVX2 but without VNNI accumulate in 16 bits, which 8-bit weights
-    could overflow. Biases are corrected for what rounding the weights adds on average (Nagel et al.
-    2019, Data-free quantization through weight equalization and bias correction). The batches,
-    network inputs (1, C, H, W), calibrate the range of activations.
-    What is computed with known depth is not rounded, but for features; neither is the output, as
-    256 levels would be steps of 1 % of depth, nor what is next to the input, where int8 is not
+    could overflow. Biases are corrected for the rounding of weights (Nagel et al. 2019, Data-free
+    quantization through weight equalization and bias correction). The batches, network inputs
+    (1, C, H, W), calibrate the range of activations.
+    Three parts stay floats: what is computed with known depth, but for features; the output, as
+    256 levels would be steps of 1 % of depth; and what is next to the input, where int8 is not
     faster and costs most.
     """
-    names = [given.name for given in model.graph.input]
+    names = [entry.name for entry in model.graph.input]
     inputs = [(batch, *prompts_for(generator, torch.from_numpy(batch))) for batch in batches]
     feeds = [dict(zip(names, map(np.asarray, each), strict=True)) for each in inputs]
     exact = _exact_nodes(model)
@@ -78,16 +79,15 @@ def quantize(
 
 
 def _simplified(model: onnx.ModelProto) -> onnx.ModelProto:
-    """An int8 model without operators that add nothing to its output.
+    """An int8 model without operators that change nothing.
 
-    A shape is that of the rounded tensor, and rounding clips to the range that was seen, which is
-    that of clipping or less.
+    They take the shape of a rounded tensor, or clip to a wider range than rounding does.
     """
     graph = model.graph
-    made = {node.output[0]: node for node in graph.node if node.output}
+    producers = {node.output[0]: node for node in graph.node if node.output}
     vain = {("DequantizeLinear", "Shape"), ("Clip", "QuantizeLinear")}
     for node in graph.node:
-        source = made.get(node.input[0]) if node.input else None
+        source = producers.get(node.input[0]) if node.input else None
         if source is not None and (source.op_type, node.op_type) in vain:
             node.input[0] = source.input[0]
     read = {name for node in graph.node for name in node.input} | {o.name for o in graph.output}
@@ -111,10 +111,8 @@ def _exact_nodes(model: onnx.ModelProto) -> list[str]:
             read.update(node.input)
             if node.op_type != "Clip":
                 names.append(node.name)
-    own = [
-        n for n in model.graph.node if _CORRECTION not in n.name and not read.isdisjoint(n.output)
-    ]
-    return names + [node.name for node in own]
+    sources = (n for n in model.graph.node if _CORRECTION not in n.name)
+    return names + [node.name for node in sources if not read.isdisjoint(node.output)]
 
 
 def _first_nodes(model: onnx.ModelProto) -> list[str]:
@@ -139,30 +137,30 @@ def _groups(conv: onnx.NodeProto) -> int:
 
 def _last_nodes(model: onnx.ModelProto) -> list[str]:
     """Names of the last convolution and of what follows it."""
-    made = {name: node for node in model.graph.node for name in node.output}
-    names, node = [], made.get(OUTPUT)
+    producers = {name: node for node in model.graph.node for name in node.output}
+    names, node = list[str](), producers.get(OUTPUT)
     while node is not None:
         names.append(node.name)
-        is_last = node.op_type in ("Conv", "ConvTranspose")
-        node = None if is_last else made.get(node.input[0])
+        if node.op_type in ("Conv", "ConvTranspose"):
+            break
+        node = producers.get(node.input[0])
     return names
 
 
 def with_own_weights(model: onnx.ModelProto) -> onnx.ModelProto:
     """A copy whose convolutions share no weights or biases: equal ones are one tensor at first."""
-    own = onnx.ModelProto()
-    own.CopyFrom(model)
-    stored = _stored(own)
-    for node in own.graph.node:
+    copied = copy.deepcopy(model)
+    stored = _stored(copied)
+    for node in copied.graph.node:
         for position in range(1, len(node.input) if node.op_type == "Conv" else 0):
             if node.input[position] in stored:
-                tensor = own.graph.initializer.add()
+                tensor = copied.graph.initializer.add()
                 tensor.CopyFrom(stored[node.input[position]])
                 node.input[position] = tensor.name = f"{node.output[0]}_{position}"
-    used = {name for node in own.graph.node for name in node.input}
-    for tensor in [tensor for tensor in own.graph.initializer if tensor.name not in used]:
-        own.graph.initializer.remove(tensor)
-    return own
+    used = {name for node in copied.graph.node for name in node.input}
+    for tensor in [tensor for tensor in copied.graph.initializer if tensor.name not in used]:
+        copied.graph.initializer.remove(tensor)
+    return copied
 
 
 def _stored(model: onnx.ModelProto) -> dict[str, onnx.TensorProto]:
@@ -175,77 +173,67 @@ def _set(tensor: onnx.TensorProto, values: Float32Array) -> None:
 
 
 def equalize(model: onnx.ModelProto, feeds: Sequence[_Feed]) -> None:
-    """Scale channels to an equal range, where following weights can take the scale back.
+    """Scale channels to an equal range, where the weights that follow can take the scale back.
 
-    That is after a convolution and ReLU, if only dense convolutions read them, also enlarged and
-    before the other channels of a concatenation. Those of an encoder are ten times as large as
-    those of a decoder, for which their common scale would have few levels.
+    That is after a convolution and ReLU, if only dense convolutions read the channels, also
+    enlarged or as the first of a concatenation. An encoder's are ten times as large as a decoder's:
+    with a common scale, those would have few levels.
     """
     stored = _stored(model)
-    made = {name: node for node in model.graph.node for name in node.output}
+    producers = {name: node for node in model.graph.node for name in node.output}
     scaled = []
     for relu in model.graph.node:
-        conv = made.get(relu.input[0]) if relu.op_type == "Relu" else None
+        conv = producers.get(relu.input[0]) if relu.op_type == "Relu" else None
         if conv is not None and conv.op_type == "Conv" and {*conv.input[1:]} <= {*stored}:
             after = _convolutions_after(relu.output[0], model, stored)
             if after:
                 scaled.append((conv, relu.output[0], after))
-    names = {name for _, own, after in scaled for name in (own, *(one.input[0] for one in after))}
-    largest = _reduced(
-        model, names, feeds, lambda values: np.abs(values).max((0, 2, 3)), np.maximum
-    )
-    for conv, own, after in scaled:
-        whole = max(largest[one.input[0]].max() for one in after)
+    read = {conv.output[0]: {n.input[0] for n in after} for conv, _, after in scaled}
+    names = {output for _, output, _ in scaled}.union(*read.values())
+    largest = _reduced(model, names, feeds, lambda x: np.abs(x).max((0, 2, 3)), np.maximum)
+    for conv, output, after in scaled:
+        whole = max(largest[name].max() for name in read[conv.output[0]])
         if not whole:
             continue
-        scale = whole / np.maximum(largest[own], _LEAST_SHARE * whole)
+        scale = whole / np.maximum(largest[output], _LEAST_SHARE * whole)
         for name in conv.input[1:]:
             values = numpy_helper.to_array(stored[name])
             _set(stored[name], values * scale.reshape(-1, *[1] * (values.ndim - 1)))
-        for one in after:
-            weight = numpy_helper.to_array(stored[one.input[1]]).copy()
+        for consumer in after:
+            weight = numpy_helper.to_array(stored[consumer.input[1]]).copy()
             weight[:, : len(scale)] /= scale.reshape(-1, 1, 1)
-            _set(stored[one.input[1]], weight)
+            _set(stored[consumer.input[1]], weight)
 
 
 def _convolutions_after(
     name: str, model: onnx.ModelProto, stored: Collection[str]
 ) -> list[onnx.NodeProto]:
     """Dense convolutions whose first channels are a tensor; none if anything else reads it."""
-    found = []
+    consumers = []
     for node in model.graph.node:
         if name not in node.input or node.op_type == "Shape":
             continue
         is_first = node.input[0] == name
         is_dense = node.op_type == "Conv" and _groups(node) == 1
         if is_first and is_dense and node.input[1] in stored:
-            found.append(node)
+            consumers.append(node)
         elif is_first and node.op_type in ("Concat", "Resize"):
             after = _convolutions_after(node.output[0], model, stored)
             if not after:
                 return []
-            found += after
+            consumers += after
         else:
             return []
-    return found
+    return consumers
 
 
 def correct_biases(
     model: onnx.ModelProto, feeds: Sequence[_Feed], exact: Collection[str] = ()
 ) -> None:
-    """Take off biases the mean of what rounding the weights to 7 bits adds.
-
-    Weights of the nodes named ``exact`` are not rounded.
-    """
+    """Subtract from biases what rounding weights to 7 bits adds on average, but for exact nodes."""
     stored = _stored(model)
-    convs = [
-        node
-        for node in model.graph.node
-        if node.op_type == "Conv"
-        and node.input[2:]
-        and {*node.input[1:]} <= {*stored}
-        and node.name not in exact
-    ]
+    rounded = (n for n in model.graph.node if n.op_type == "Conv" and n.name not in exact)
+    convs = [n for n in rounded if n.input[2:] and {*n.input[1:]} <= {*stored}]
     names = {conv.input[0] for conv in convs}
     sums = _reduced(model, names, feeds, lambda values: values.mean((0, 2, 3)), np.add)
     for conv in convs:
@@ -266,25 +254,25 @@ def _reduced(
     combine: Callable[[Float32Array, Float32Array], Float32Array],
 ) -> dict[str, Float32Array]:
     """Statistics of each channel of tensors (B, C, H, W) over all batches, by name."""
-    probed = onnx.ModelProto()
-    probed.CopyFrom(model)
+    probed = copy.deepcopy(model)
     inner = sorted(name for name in names if name not in feeds[0])
     probed.graph.output.extend(
         onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None) for name in inner
     )
     session = ort.InferenceSession(probed.SerializeToString(), providers=["CPUExecutionProvider"])
-    found: dict[str, Float32Array] = {}
+    statistics: dict[str, Float32Array] = {}
     for feed in feeds:
-        seen = session.run(inner, feed) if inner else []  # no names stand for all outputs
-        values = feed | dict(zip(inner, seen, strict=True))
+        outputs = session.run(inner, feed) if inner else []  # no names stand for all outputs
+        values = feed | dict(zip(inner, outputs, strict=True))
         for name in names:
-            one = reduce(values[name])
-            found[name] = combine(found[name], one) if name in found else one
-    return found
+            statistic = reduce(values[name])
+            earlier = statistics.get(name)
+            statistics[name] = statistic if earlier is None else combine(earlier, statistic)
+    return statistics
 
 
 def _transpose(model: onnx.ModelProto, exact: Collection[str]) -> None:
-    """Make transposed ones of exact convolutions to one channel, which give the same.
+    """Turn exact convolutions to one channel into transposed ones, which give the same.
 
     onnxruntime pads the output of a convolution to 16 channels, but not of a transposed one.
     """
@@ -302,12 +290,12 @@ def _transpose(model: onnx.ModelProto, exact: Collection[str]) -> None:
 
 
 def calibration_batches(folder: Path, spec: InputSpec) -> list[Float32Array]:
-    """Network inputs of up to 64 pictures of a folder and its subfolders, spread evenly by name."""
+    """Network inputs of up to 64 images of a folder and its subfolders, spread evenly by name."""
     listed = list_folder(str(folder)).media
     files = sorted(Path(file.path) for file in listed if not is_video(file.name))
     if not files:
-        raise UsageError(f"{folder} has no picture; give one with pictures to calibrate int8")
-    positions = sample_positions(len(files), MAX_PICTURES)
+        raise UsageError(f"{folder} has no image; give one with images to calibrate int8")
+    positions = sample_positions(len(files), MAX_IMAGES)
     return [prepare(spec, read_image(files[i]))[0] for i in positions]
 
 

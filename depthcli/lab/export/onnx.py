@@ -16,13 +16,16 @@ from depthcli.io.guard import Guard
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.lab.datasets import base as datasets
 from depthcli.lab.export import graph, int8
-from depthcli.lab.metrics.pixels import MIN_DEPTH_M
+from depthcli.lab.metrics.depth import MIN_DEPTH_M
 from depthcli.lab.options import Weights
 from depthcli.lab.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
-from depthcli.lab.training.provenance import TrainedRun, data_set
+from depthcli.lab.training.provenance import TrainedRun, common_ids
 from depthcli.models import card as cards
 from depthcli.models import catalog
 from depthcli.models.card import ModelCard
+
+MODEL_NAME = "model.onnx"
+_FULL_STRIDE = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,15 +33,15 @@ class ExportOptions:
     """Options of an export."""
 
     name: str = "custom"  #: of the model
-    version: str = "1.0.0"  #: of the model
-    half: bool = False  #: store weights as float16; computations are in float32
+    model_version: str = "1.0.0"  #: of the model
+    fp16: bool = False  #: store weights as float16; computations are in float32
+    int8: Path | None = None  #: folder of images to calibrate int8; None for no int8
     opset: int = graph.OPSET  #: ONNX opset version
     #: maximum difference between torch and onnxruntime; None for the default
     tolerance: float | None = None
-    int8_pictures: Path | None = None  #: folder of pictures to calibrate int8; None for no int8
-    license: str = "NOASSERTION"  #: of the weights, an SPDX identifier
-    #: horizontal field of view of the training pictures, degrees; None for that of the checkpoint
-    hfov_deg: float | None = None
+    license_name: str = "NOASSERTION"  #: of the weights, an SPDX identifier
+    #: horizontal field of view of the training images, degrees; None for that of the checkpoint
+    hfov: float | None = None
     depth_factor: float = 1.0  #: on depth, which corrects a bias that was measured
     float_model: str | None = None  #: name of the model that replaces an int8 one off the CPU
     #: the moving average, if the run has one, or the weights of the last step
@@ -49,13 +52,8 @@ class ExportOptions:
         """Maximum difference that the parity check accepts."""
         if self.tolerance is not None:
             return self.tolerance
-        if self.int8_pictures is not None:
-            return graph.INT8_TOLERANCE
-        return graph.FLOAT16_TOLERANCE if self.half else graph.TOLERANCE
-
-
-MODEL_NAME = "model.onnx"
-_FULL_STRIDE = 4
+        tolerance = graph.FLOAT16_TOLERANCE if self.fp16 else graph.TOLERANCE
+        return tolerance if self.int8 is None else graph.INT8_TOLERANCE
 
 
 def card_path(model: Path) -> Path:
@@ -66,33 +64,35 @@ def card_path(model: Path) -> Path:
 
 def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
     """The card of a checkpoint's generator, without the facts of the file."""
-    config = saved.config
-    codec = config.output.codec.times(options.depth_factor)
-    hfov_deg = _hfov_deg(options.hfov_deg, saved.provenance.hfov_deg)
+    config, data, output = saved.config, saved.config.data, saved.config.output
+    codec = output.codec.times(options.depth_factor)
+    run_deg = saved.provenance.hfov_deg
+    hfov_deg = run_deg if options.hfov is None else options.hfov
+    if run_deg not in (hfov_deg, None):
+        # Depth from cameras.csv is already scaled to the known camera, whatever the true lens.
+        message = f"contradicts the checkpoint, whose depth is that of a camera of {run_deg:g}°"
+        raise UsageError(f"{hfov_deg:g}° {message}", option="hfov_deg")
+    half = (0.5,) * data.channels
+    min_m = output.min_m if output.coding == "log" else MIN_DEPTH_M
     card = ModelCard(
         name=options.name,
-        version=options.version,
+        version=options.model_version,
         summary=f"{config.method}, {config.generator.name} generator, {saved.provenance.data}",
-        license=options.license,
+        license=options.license_name,
         input=cards.InputSpec(
-            colour=cards.Colour(config.data.colour),
-            width=config.data.width,
-            height=config.data.height,
+            colour=cards.Colour(data.colour),
+            width=data.width,
+            height=data.height,
             dynamic=True,
             multiple_of=_FULL_STRIDE,
             fit=cards.Fit.KEEP_ASPECT,
-            mean=(0.5,) * config.data.channels,
-            std=(0.5,) * config.data.channels,
+            mean=half,
+            std=half,
             prompt=bool(config.generator.prompt),
-            pixel_aspect=round(saved.provenance.aspect * config.data.height / config.data.width, 9),
+            pixel_aspect=round(saved.provenance.aspect * data.height / data.width, 9),
         ),
         output=cards.OutputSpec(
-            kind=DepthKind.METRIC,
-            transform=codec.transform,
-            scale=codec.scale,
-            shift=codec.shift,
-            min_m=config.output.min_m if config.output.coding == "log" else MIN_DEPTH_M,
-            max_m=config.output.max_m,
+            DepthKind.METRIC, codec.transform, codec.scale, codec.shift, min_m, output.max_m
         ),
         camera=None if hfov_deg is None else cards.CameraSpec(hfov_deg),
         onnx=cards.OnnxSpec(options.opset, graph.IR_VERSION),
@@ -106,27 +106,14 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
         raise UsageError(f"{what}; correct the option") from error
 
 
-def _hfov_deg(given: float | None, known: float | None) -> float | None:
-    """The field of view of the training's camera, degrees; None if it is not known."""
-    if given is not None and known is not None and given != known:
-        # Depth from cameras.csv is already scaled to the known camera, whatever the true lens.
-        raise UsageError(
-            f"{given:g}° contradicts the checkpoint, whose depth is that of a camera of {known:g}°",
-            option="hfov_deg",
-        )
-    return known if given is None else given
-
-
 def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]:
     state, provenance = saved.state, saved.provenance
     averaged = saved.ema_generator is None or options.weights is Weights.AVERAGED
-    is_int8 = options.int8_pictures is not None
-    seen = provenance.seen_ids
-    nyu = seen.get(datasets.NYU, ())
-    is_new = set(provenance.held_out_ids).isdisjoint(seen.get(data_set(provenance.data), ()))
+    is_int8, is_corrected = options.int8 is not None, options.depth_factor != 1
+    nyu = provenance.seen_ids.get(datasets.NYU, ())
+    repeated = common_ids(provenance.data, provenance.held_out_ids, provenance.seen_ids)
     # Parity keeps float16 near the weights that were validated; the others differ from them.
-    is_corrected = options.depth_factor != 1
-    validated = averaged and is_new and not (is_int8 or is_corrected)
+    validated = averaged and not (repeated or is_int8 or is_corrected)
     facts = {
         "data": provenance.data,
         "pseudo_labels": provenance.pseudo_labels or None,
@@ -146,7 +133,7 @@ def _training_facts(saved: Checkpoint, options: ExportOptions) -> dict[str, Any]
         },
         "weights": None if averaged else str(Weights.RAW),
         "depth_factor": options.depth_factor if is_corrected else None,
-        "precision": "int8" if is_int8 else "float16" if options.half else None,
+        "precision": "int8" if is_int8 else "float16" if options.fp16 else None,
         "config": json.loads(json.dumps(dataclasses.asdict(saved.config))),
     }
     return {name: value for name, value in facts.items() if value is not None}
@@ -169,16 +156,20 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     generator, saved = load_generator(checkpoint, options.weights)
     model = graph.build_graph(generator, opset=options.opset)
     card = card_of(saved, options)
-    folder = options.int8_pictures
-    pictures = [] if folder is None else int8.calibration_batches(folder, card.input)
-    if pictures:
-        model = int8.quantize(model, pictures, generator)
-    elif options.half:
+    folder = options.int8
+    images = [] if folder is None else int8.calibration_batches(folder, card.input)
+    if images:
+        model = int8.quantize(model, images, generator)
+    elif options.fp16:
         graph.weights_to_float16(model)
     helper.set_model_props(model, {cards.METADATA_KEY: card.to_json()})
     data = model.SerializeToString()
-    cases = _parity_cases(card.input)[: 1 if pictures else None]
-    parity = graph.check_parity(generator, data, cases, options.max_difference, pictures)
+    # Nominal size, a batch, other aspect ratios, a larger size.
+    height, width, step = card.input.height, card.input.width, card.input.multiple_of
+    half, twice = max(step, height // 2 // step * step), (1, 2 * height, 2 * width)
+    others = (3, height, width), (1, width, height), (2, half, width), twice
+    cases = (1, height, width), *(() if images else others)
+    parity = graph.check_parity(generator, data, cases, options.max_difference, images)
     card = dataclasses.replace(
         card, file=out.name, sha256=hashlib.sha256(data).hexdigest(), size_bytes=len(data)
     )
@@ -192,27 +183,14 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     return ExportResult(out, card, parity)
 
 
-def _parity_cases(spec: cards.InputSpec) -> tuple[tuple[int, int, int], ...]:
-    """(batch, height, width): nominal size, a batch, other aspect ratios, a larger size."""
-    height, width = spec.height, spec.width
-    half = max(spec.multiple_of, height // 2 // spec.multiple_of * spec.multiple_of)
-    return (
-        (1, height, width),
-        (3, height, width),
-        (1, width, height),
-        (2, half, width),
-        (1, 2 * height, 2 * width),
-    )
-
-
 def find_runs(folder: Path) -> tuple[Path, ...]:
     """The folder itself or its subfolders that have a checkpoint, sorted by name."""
     if (folder / CHECKPOINT).is_file():
         return (folder,)
-    found = tuple(sorted(path.parent for path in folder.glob(f"*/{CHECKPOINT}")))
-    if not found:
+    runs = tuple(sorted(path.parent for path in folder.glob(f"*/{CHECKPOINT}")))
+    if not runs:
         raise UsageError(f"{folder} holds no run of 'depthcli train'")
-    return found
+    return runs
 
 
 def open_run(folder: Path) -> TrainedRun:

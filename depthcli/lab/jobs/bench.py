@@ -1,9 +1,12 @@
-"""Benchmarking a model on this machine: network latency, end-to-end latency, throughput."""
+"""Latency of actions that take turns, and a model's: network, end to end, and throughput."""
 
+import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import count, takewhile
 from pathlib import Path
 
 import cv2
@@ -19,9 +22,54 @@ from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.images.read import read_image
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.storage.temporary import temporary_folder
-from depthcli.lab.jobs.latency import Latency, measure_latencies
 
-_MIN_PICTURES = 5
+_ROUNDS = 3
+_MIN_RUNS = 5
+_MIN_IMAGES = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """Wall-clock milliseconds of an action that was repeated."""
+
+    median_ms: float  #: of the runs
+    min_ms: float  #: of the runs
+    noise: float  #: half the interquartile range of the runs, as a share of the median
+    runs: int  #: how many were measured, after warm-up
+
+
+def measure_latencies(actions: Sequence[Callable[[], object]], seconds: float) -> list[Latency]:
+    """Repeat each action for a number of seconds, and at least five times.
+
+    They take turns, so that other load affects all alike. The first run of a turn does not count,
+    as threads of the previous action may still be spinning.
+    """
+    times_ms: list[list[float]] = [[] for _ in actions]
+    for turn in range(1, _ROUNDS + 1):
+        for runs_ms, action in zip(times_ms, actions, strict=True):
+            action()
+            end_s = time.perf_counter() + seconds / _ROUNDS
+            while len(runs_ms) < turn * _MIN_RUNS / _ROUNDS or time.perf_counter() < end_s:
+                runs_ms.append(1e3 * _elapsed_s(action))
+    latencies = []
+    for runs_ms in times_ms:
+        low, median, high = statistics.quantiles(runs_ms, n=4)
+        latencies.append(Latency(median, min(runs_ms), (high - low) / 2 / median, len(runs_ms)))
+    return latencies
+
+
+def _elapsed_s(action: Callable[[], object]) -> float:
+    started_s = time.perf_counter()
+    action()
+    return time.perf_counter() - started_s
+
+
+def network_run(pipeline: Pipeline) -> Callable[[], object]:
+    """An action that runs the network alone, for one image of its own size."""
+    spec = pipeline.card.input
+    shape = (1, spec.colour.channels, spec.height, spec.width)
+    batch = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
+    return lambda: pipeline.session.run(batch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,37 +91,34 @@ def run_bench(
     model: SessionLoader,
     synthetic_px: tuple[int, int],
     seconds: float,
-    given: Path | None = None,
+    path: Path | None = None,
     upsampling: Upsampling = Upsampling.GUIDED,
     workers: int | None = None,
     warn: Callable[[str], object] = lambda _text: None,
 ) -> BenchResult:
-    """Measure a model on this machine, for some seconds each.
+    """Measure a model for some seconds each, on a file or a synthetic image of (width, height) px.
 
-    The image is a given file, or a synthetic one of a width and height; ``workers`` images are
-    processed in parallel for the throughput, by default one per core; ``warn`` is called with the
-    session's warnings.
+    ``workers`` images are processed in parallel for the throughput, by default one per core.
     """
-    picture = synthetic_picture(*synthetic_px) if given is None else read_bytes(given)
-    frame = read_image(given, picture, name="the picture")  # an error names the file
+    image = synthetic_image(*synthetic_px) if path is None else read_bytes(path)
+    frame = read_image(path, image, name="the image")  # an error names the file
     workers, threads = share_cores(workers, model.threads)
     loaders = model, replace(model, threads=threads)
-    alone, shared = (Pipeline(one.load(), UpsamplingOptions(upsampling)) for one in loaders)
+    alone, shared = (Pipeline(loader.load(), UpsamplingOptions(upsampling)) for loader in loaders)
     session, card = alone.session, alone.card
     for warning in session.warnings:
         warn(warning)
     batch, _ = prepare(card.input, frame)
     with temporary_folder() as folder:
-        (network,) = measure_latencies([lambda: session.run(batch)], seconds)
-        (end_to_end,) = measure_latencies(
-            [lambda: _predict_and_write(alone, picture, folder / "alone.png")], seconds
-        )
-        rate = throughput(shared, picture, folder, workers, seconds)
+        whole = partial(_predict_and_write, alone, image, folder / "alone.png")
+        (network,) = measure_latencies([partial(session.run, batch)], seconds)
+        (end_to_end,) = measure_latencies([whole], seconds)
+        rate = throughput(shared, image, folder, workers, seconds)
     facts = (card.name, session.model.sha256, session.provider, workers, threads)
     return BenchResult(*facts, network, end_to_end, rate, peak_memory_mb())
 
 
-def synthetic_picture(width: int, height: int) -> bytes:
+def synthetic_image(width: int, height: int) -> bytes:
     """A JPEG of about the file size of a photograph: smooth shapes with grain."""
     random = np.random.default_rng(0)
     coarse = random.uniform(30, 220, (6, 8, 3)).astype(np.float32)
@@ -93,27 +138,22 @@ def peak_memory_mb() -> float | None:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
-def _predict_and_write(pipeline: Pipeline, picture: bytes, path: Path) -> None:
-    frame = read_image(None, picture)
+def _predict_and_write(pipeline: Pipeline, image: bytes, path: Path) -> None:
+    frame = read_image(None, image)
     Png16Writer().write(depth_for_trial(pipeline, frame), path, frame)
 
 
 def throughput(
-    pipeline: Pipeline, picture: bytes, folder: Path, workers: int, seconds: float
+    pipeline: Pipeline, image: bytes, folder: Path, workers: int, seconds: float
 ) -> float:
     """Images per second, from the end of the first one to that of the last."""
-
-    def numbers() -> Iterator[int]:
-        end_s = time.perf_counter() + seconds
-        number = 0
-        while number < 2 * workers + _MIN_PICTURES or time.perf_counter() < end_s:
-            yield number
-            number += 1
+    end_s, least = time.perf_counter() + seconds, 2 * workers + _MIN_IMAGES
 
     def work(number: int) -> float:
-        _predict_and_write(pipeline, picture, folder / f"{number % (2 * workers)}.png")
+        _predict_and_write(pipeline, image, folder / f"{number % (2 * workers)}.png")
         return time.perf_counter()
 
+    numbers = takewhile(lambda number: number < least or time.perf_counter() < end_s, count())
     with one_thread_each(workers):
-        ends_s = sorted(ordered_map(work, numbers(), workers=workers))
+        ends_s = sorted(ordered_map(work, numbers, workers=workers))
     return (len(ends_s) - 1) / (ends_s[-1] - ends_s[0])

@@ -1,9 +1,11 @@
-"""Evaluating models, predictions of other tools and training runs on a data set."""
+"""Evaluating models, files of other tools and training runs on a data set; files of the report."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import Self
 
 from depthcli.core.options import MILLIMETRES, DepthFit, UpsamplingOptions
 from depthcli.core.progress import NO_PROGRESS, Progress
@@ -12,25 +14,19 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.storage.atomic import atomic_path, is_special, write_text
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.io.stored.depth import AS_STATED, DepthReadOptions
-from depthcli.lab.datasets.base import NYU, SplitName
+from depthcli.lab.datasets.base import NYU
 from depthcli.lab.datasets.nyu import is_nyu, open_nyu
 from depthcli.lab.datasets.prompts import Prompt
 from depthcli.lab.datasets.training_data import open_pairs
 from depthcli.lab.evaluation import evaluate as table
-from depthcli.lab.evaluation.figures import Figure, choose_pictures, draw_figures
+from depthcli.lab.evaluation import predictors as sources
+from depthcli.lab.evaluation.figures import Figure, choose_images, draw_figures
 from depthcli.lab.evaluation.page import Page, html_page
-from depthcli.lab.evaluation.predictors import (
-    TRIVIAL_NAMES,
-    ModelPredictor,
-    Predictor,
-    open_model,
-    open_predictions,
-)
 from depthcli.lab.evaluation.report import EvalReport
 from depthcli.lab.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
-from depthcli.lab.jobs.latency import measure_latencies, network_run
-from depthcli.lab.metrics.pixels import MAX_DEPTH_M
-from depthcli.lab.options import Mask, Weights
+from depthcli.lab.jobs.bench import measure_latencies, network_run
+from depthcli.lab.metrics.depth import MAX_DEPTH_M
+from depthcli.lab.options import Mask, SplitName, Weights
 from depthcli.lab.training.provenance import TrainedRun, data_set
 
 _OWN_CSV, _OWN_HTML = b"name,source,align,", b"<footer>depthcli "
@@ -47,8 +43,7 @@ class EvalRequest:
     predictions_reading: DepthReadOptions = AS_STATED  #: what is known about those files
     runs: Path | None = None  #: a training run or the folder of several; its seeds are one row
     weights: Weights = Weights.AVERAGED  #: of the runs: moving average, if there is one, or last
-    #: provider and threads of the runs; its model is not used
-    runner: SessionLoader = field(default_factory=SessionLoader)
+    runner: SessionLoader = field(default_factory=SessionLoader)  #: of runs, with another model
     prompt: Prompt | None = None  #: known depth that the models are given; None for none
     anchors_fit: DepthFit | None = None  #: to that; None for the best that each model can
     truth: DepthReadOptions = AS_STATED  #: what is known about the depth of a custom folder
@@ -57,11 +52,6 @@ class EvalRequest:
     limit: int | None = None  #: maximum number of images, evenly over the split; None for all
     options: table.EvalOptions = table.HEADLINE_TABLE  #: options of the table
     shown_ids: tuple[str, ...] | None = None  #: of the figures; empty for some of each scene type
-
-    @property
-    def detail(self) -> UpsamplingOptions:
-        """Upsampling and tiles of the models' depth."""
-        return UpsamplingOptions(self.options.protocol.upsampling, self.options.protocol.tile_px)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,44 +74,39 @@ def run_evaluation(
     if request.split is SplitName.VAL and any(data_set(run.provenance.data) != NYU for run in runs):
         request = _on_own_pairs(request, runs)
     task = _plan_task(request, runs)
-    options = request.options
-    positions = () if request.shown_ids is None else choose_pictures(task, request.shown_ids)
-    trivial = TRIVIAL_NAMES if options.trivial and task.split.train else ()
+    options, protocol = request.options, request.options.protocol
+    detail = UpsamplingOptions(protocol.upsampling, protocol.tile_px)
+    positions = () if request.shown_ids is None else choose_images(task, request.shown_ids)
+    trivial = sources.TRIVIAL_NAMES if options.trivial and task.split.train else ()
     if not (request.models or request.predictions or runs or trivial):
         advice = "give {model} or {predictions}, or the training pairs of the split for baselines"
         raise UsageError("nothing to compare", advice)
     if runs and options.against is not None:  # before the export
-        table.check_against(options.against, [*trivial, *group_by_seed(runs)], options.protocol)
-    if options.protocol.mask is Mask.RAW:
+        table.check_against(options.against, [*trivial, *group_by_seed(runs)], protocol)
+    if protocol.mask is Mask.RAW:
         task.dataset.raw_depth_m(task.test[0])  # before the models are loaded
     with temporary_folder() as folder:
-        known = request.prompt, request.anchors_fit
-        models = [open_model(loader, request.detail, *known) for loader in request.models]
+        prompt, reading = (request.prompt, request.anchors_fit), request.predictions_reading
+        models = [sources.open_model(loader, detail, *prompt) for loader in request.models]
         if runs:
-            models += _load_runs(request, runs, folder, progress, failed)
-        files = [
-            open_predictions(folder, task.samples, request.predictions_reading)
-            for folder in request.predictions
-        ]
-        about_models = (text for model in models for text in model.pipeline.session.warnings)
-        about_files = (text for file in files for text in file.warnings)
-        compared: list[Predictor] = [*models, *files]
-        about_data = () if runs else task.dataset.warnings  # which training gave
-        for text in dict.fromkeys((*about_data, *about_models, *about_files)):
+            models += _load_runs(request, runs, detail, folder, progress, failed)
+        images = [sources.Sample(task.dataset, i) for i in task.test]
+        files = [sources.open_predictions(path, images, reading) for path in request.predictions]
+        warnings = [] if runs else [task.dataset.warnings]  # of which training told
+        warnings += [model.pipeline.session.warnings for model in models]
+        warnings += [file.warnings for file in files]
+        for text in dict.fromkeys(text for texts in warnings for text in texts):
             warn(text)
+        compared: list[sources.Predictor] = [*models, *files]
         report = table.evaluate(task, compared, options, progress)
-        report = replace(report, notes=(*report.notes, *_notes(request)))
-        shown, figures = _shown(compared, report), tuple[Figure, ...]()
-        if positions and shown:
-            figures = draw_figures(task, positions, shown, progress)
+        raw = "weights of the last step, not their moving average"
+        drawn = f"the models are given known depth of these images, {request.prompt}"
+        notes = [raw] * (request.weights is Weights.RAW) + [drawn] * bool(request.prompt)
+        report = replace(report, notes=(*report.notes, *notes))
+        columns, figures = _shown(compared, report), tuple[Figure, ...]()
+        if positions and columns:
+            figures = draw_figures(task, positions, columns, progress)
     return EvalResult(report, figures, tuple(failed))
-
-
-def _notes(request: EvalRequest) -> Iterator[str]:
-    if request.weights is Weights.RAW:
-        yield "weights of the last step, not their moving average"
-    if request.prompt:
-        yield f"the models are given known depth of these images, {request.prompt}"
 
 
 def _on_own_pairs(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalRequest:
@@ -135,19 +120,17 @@ def _on_own_pairs(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalReque
 
 
 def _plan_task(request: EvalRequest, runs: Sequence[TrainedRun]) -> EvalTask:
-    if request.split is None:
-        if not (runs or request.patterns) and is_nyu(request.data):
-            told = f"{request.data} is NYU Depth v2"
-            raise UsageError(told, "compare on it with 'depthcli eval nyu'")
-        pairs = open_pairs(request.data, request.truth, request.patterns)
-        name = request.data.resolve().name
-        if runs:
-            return plan_runs(pairs, runs, limit=request.limit, title=name)
-        return plan_pairs(pairs, name, request.limit)
-    dataset = open_nyu(request.data)
-    if runs:
-        return plan_runs(dataset, runs, request.split, request.limit)
-    return plan_nyu(dataset, request.split, request.limit)
+    limit, name = request.limit, request.data.resolve().name
+    if request.split is not None:
+        plan = partial(plan_runs, runs=runs) if runs else plan_nyu
+        return plan(open_nyu(request.data), split=request.split, limit=limit)
+    if not (runs or request.patterns) and is_nyu(request.data):
+        message = f"{request.data} is NYU Depth v2"
+        raise UsageError(message, "compare on it with 'depthcli eval nyu'")
+    pairs = open_pairs(request.data, request.truth, request.patterns)
+    return (
+        plan_runs(pairs, runs, limit=limit, title=name) if runs else plan_pairs(pairs, name, limit)
+    )
 
 
 def _open_runs(folder: Path, failed: list[str]) -> list[TrainedRun]:
@@ -166,28 +149,27 @@ def _open_runs(folder: Path, failed: list[str]) -> list[TrainedRun]:
 def _load_runs(
     request: EvalRequest,
     runs: Sequence[TrainedRun],
+    detail: UpsamplingOptions,
     folder: Path,
     progress: Progress,
     failed: list[str],
-) -> list[ModelPredictor]:
+) -> list[sources.ModelPredictor]:
     """The exported models; runs that cannot be exported are added to ``failed``."""
     from depthcli.lab.export.onnx import export_run  # noqa: PLC0415 - needs torch
 
-    advance, exported = progress.begin("exporting runs", len(runs)), list[tuple[TrainedRun, Path]]()
+    advance, models = progress.begin("exporting runs", len(runs)), list[sources.ModelPredictor]()
     for run in runs:
         with _noted(run.name, failed):
-            exported.append((run, export_run(run, folder, request.weights)))
+            path = export_run(run, folder, request.weights)
+            model = sources.open_model(replace(request.runner, model=path), detail)
+            models.append(replace(model, name=run.name, run=run))
         advance(1)
-    if not exported:
+    if not models:
         raise DepthcliError(f"no run can be exported: {'; '.join(failed)}")
-    loaders = (replace(request.runner, model=path) for _, path in exported)
-    models = [open_model(loader, request.detail) for loader in loaders]
     networks = [network_run(model.pipeline) for model in models]
     times = measure_latencies(networks, _SECONDS_A_NETWORK)
-    return [
-        replace(model, name=run.name, run=run, latency_ms=time.median_ms)
-        for (run, _), model, time in zip(exported, models, times, strict=True)
-    ]
+    pairs = zip(models, times, strict=True)
+    return [replace(model, latency_ms=time.median_ms) for model, time in pairs]
 
 
 @contextmanager
@@ -199,7 +181,9 @@ def _noted(name: str, failed: list[str]) -> Iterator[None]:
         failed.append(f"{name} ({error})")
 
 
-def _shown(predictors: Sequence[Predictor], report: EvalReport) -> list[tuple[str, Predictor]]:
+def _shown(
+    predictors: Sequence[sources.Predictor], report: EvalReport
+) -> list[tuple[str, sources.Predictor]]:
     """The predictors of the figures with their titles: of a training run, its first seed."""
     if not report.has_training:
         return [(Path(predictor.name).name, predictor) for predictor in predictors]
@@ -216,8 +200,8 @@ class ReportFiles:
     figures: Path | None = None  #: folder for the figures
     html: Path | None = None  #: table and figures in one file
 
-    def check(self) -> None:
-        """UsageError, before the evaluation, if a file but an earlier report would be replaced."""
+    def checked(self) -> Self:
+        """These files; UsageError, before the evaluation, if one but a report would be replaced."""
         for path, mark in ((self.csv, _OWN_CSV), (self.html, _OWN_HTML)):
             if path is None:
                 continue
@@ -225,6 +209,7 @@ class ReportFiles:
                 raise UsageError(f"{path} is a folder, a device or a pipe", "name a file")
             if path.is_file() and mark not in path.read_bytes():
                 raise UsageError(f"{path} is no report of depthcli and is not replaced")
+        return self
 
     def write(self, page: Page, table_csv: str, figures: Sequence[Figure]) -> Iterator[Path]:
         """Write the files, and yield the path of each figure once it is written."""

@@ -4,6 +4,7 @@ import math
 import signal
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from depthcli.core.progress import Interrupt
@@ -48,17 +49,12 @@ class TrainResult:
 
 def train(request: TrainRequest, callback: Callback) -> TrainResult:
     """Train until the schedule, the time limit or a signal ends it."""
-    config, out, wanted = request.config, request.out, request.config.data
+    config, out, options = request.config, request.out, request.config.data
     init_weights = [weights_file(source) for source in request.init_weights]
     own_callbacks = [imported(name) for name in request.callbacks]
     fabric = open_fabric(request.accelerator, config.precision)
-    data = open_training_data(
-        request.data,
-        paired=wanted.paired,
-        split=wanted.split,
-        units_per_metre=wanted.units_per_metre,
-        patterns=request.patterns,
-    )
+    unit, patterns = options.units_per_metre, request.patterns
+    data = open_training_data(request.data, options.split, unit, patterns, paired=options.paired)
     if request.pseudo_labels is not None:
         data = data.with_pseudo_labels(open_paired_folder(request.pseudo_labels))
     interrupt = Interrupt(*request.signals)
@@ -66,15 +62,6 @@ def train(request: TrainRequest, callback: Callback) -> TrainResult:
         set_threads(request.threads, out)
         makers = (*(LOGGERS[tracker] for tracker in request.trackers), *own_callbacks)
         followers = [stack.enter_context(closing(make(out, config))) for make in makers]
-        state = fit(
-            config,
-            data,
-            out,
-            fabric,
-            callback,
-            *followers,
-            init_weights=init_weights,
-            max_minutes=request.minutes,
-            interrupt=interrupt,
-        )
+        start = partial(fit, init_weights=init_weights, max_minutes=request.minutes)
+        state = start(config, data, out, fabric, callback, *followers, interrupt=interrupt)
     return TrainResult(state, interrupt.number)

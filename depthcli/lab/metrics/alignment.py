@@ -28,11 +28,10 @@ def align(
     alignment: Alignment,
     kind: DepthKind = DepthKind.METRIC,
 ) -> tuple[Float64Array, bool]:
-    """Depth in metres after the fit of a prediction of some kind to metres > 0; (N,) float64.
+    """Fit a prediction (N,) of some kind to metres > 0; and whether the fit exchanges near and far.
 
-    And whether a fit by least squares exchanges near and far. Pixels that are not finite are not
-    fitted. The result is not clamped: NaN where there was no prediction, infinity where the fitted
-    disparity is not positive. A prediction without a usable pixel is returned unchanged.
+    The depth is float64 metres, not clamped: NaN where there was no prediction, infinity where the
+    fitted disparity is not positive. A prediction without a usable pixel is returned unchanged.
     """
     if alignment not in SUITABLE[kind]:
         raise ValueError(f"{kind} depth cannot be aligned by {alignment}")
@@ -40,19 +39,19 @@ def align(
         case Alignment.NONE:
             return predicted, False
         case Alignment.MEDIAN:
-            return _scale_median(predicted, truth_m), False
+            usable = np.isfinite(predicted) & (predicted > 0)
+            if not usable.any():
+                return predicted, False
+            return predicted * (np.median(truth_m[usable]) / np.median(predicted[usable])), False
         case Alignment.DEPTH:
             return _fit_line(predicted, truth_m)
         case Alignment.DISPARITY:
-            fitted, is_reversed = _fit_line(_disparity(predicted, kind), 1 / truth_m)
-            return _depth_of_disparity(fitted), is_reversed
-
-
-def _scale_median(predicted: Float64Array, truth_m: Float64Array) -> Float64Array:
-    usable = np.isfinite(predicted) & (predicted > 0)
-    if not usable.any():
-        return predicted
-    return predicted * (np.median(truth_m[usable]) / np.median(predicted[usable]))
+            if kind is not DepthKind.INVERSE:  # zero for infinity, NaN where it is not positive
+                unknown = np.full_like(predicted, np.nan)
+                predicted = np.divide(1.0, predicted, out=unknown, where=predicted > 0)
+            fitted, is_reversed = _fit_line(predicted, 1 / truth_m)
+            depth_m = np.full_like(fitted, np.inf)  # where disparity is not positive
+            return np.divide(1.0, fitted, out=depth_m, where=~(fitted <= 0)), is_reversed
 
 
 def _fit_line(x: Float64Array, y: Float64Array) -> tuple[Float64Array, bool]:
@@ -69,17 +68,3 @@ def _fit_line(x: Float64Array, y: Float64Array) -> tuple[Float64Array, bool]:
     if slope == 0:
         return np.where(np.isnan(x), np.nan, mean_y), False
     return np.asarray(slope * (x - mean_x) + mean_y), slope < 0
-
-
-def _disparity(predicted: Float64Array, kind: DepthKind) -> Float64Array:
-    """1/depth: zero for infinity, NaN where depth is not positive."""
-    if kind is DepthKind.INVERSE:
-        return predicted
-    return np.divide(1.0, predicted, out=np.full_like(predicted, np.nan), where=predicted > 0)
-
-
-def _depth_of_disparity(disparity: Float64Array) -> Float64Array:
-    """1/disparity; infinity where disparity is not positive, NaN where it is NaN."""
-    depth_m = np.full_like(disparity, np.inf)
-    np.divide(1.0, disparity, out=depth_m, where=~(disparity <= 0))
-    return depth_m

@@ -9,8 +9,8 @@ Than a Second", ICLR 2025 (boundary F1); Canny, "A Computational Approach to Edg
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass, fields
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -29,10 +29,10 @@ _STRONG_STEP = math.log(1.1)
 _WEAK_STEP = _STRONG_STEP / 2
 # Canny takes 16-bit gradients; the steepest possible, 1 mm beside 10 m, still fits.
 _GRADIENT_SCALE = 8192.0
+HIGHER_IS_BETTER = frozenset({"edge_f1"})
 
 
-@dataclass(frozen=True, slots=True)
-class BoundaryScores:
+class BoundaryScores(NamedTuple):
     """Scores of one image, or their mean over images; NaN where the truth has no edge."""
 
     #: mean distance in pixels of the predicted edges within 10 px of a true one to that one; lower
@@ -45,21 +45,12 @@ class BoundaryScores:
     #: 1]; higher is better
     edge_f1: float
 
-    def items(self) -> Iterator[tuple[str, float]]:
-        """(name, value) of every score."""
-        return zip(BOUNDARY_NAMES, astuple(self), strict=True)
-
-
-BOUNDARY_NAMES = tuple(field.name for field in fields(BoundaryScores))
-HIGHER_IS_BETTER = frozenset({"edge_f1"})
-NO_BOUNDARY = BoundaryScores(math.nan, math.nan, math.nan)
-
 
 def mean_boundary_scores(images: Sequence[BoundaryScores]) -> BoundaryScores:
     """Mean of each score over the images that have it; NaN for a score that none has."""
-    columns = ([getattr(image, name) for image in images] for name in BOUNDARY_NAMES)
-    known = ([value for value in column if not math.isnan(value)] for column in columns)
-    return BoundaryScores(*(math.fsum(c) / len(c) if c else math.nan for c in known))
+    columns = zip(*images, strict=True)
+    finite = ([value for value in column if not math.isnan(value)] for column in columns)
+    return BoundaryScores(*(math.fsum(c) / len(c) if c else math.nan for c in finite))
 
 
 def boundary_scores(
@@ -67,8 +58,8 @@ def boundary_scores(
 ) -> BoundaryScores:
     """Compare the edges of one image, (H, W) metres > 0 where ``valid``; others do not count.
 
-    The two distances are NaN if the truth has no edge, and 10 px if the prediction has none near
-    one of the truth. The F1 is NaN if the truth has no step of 5 %.
+    Both distances are NaN if the truth has no edge, and 10 px if no predicted one is near; the F1
+    is NaN if the truth has no step of 5 %.
     """
     truth, predicted = _log(truth_m, valid), _log(predicted_m, valid)
     distances = _distances(_edges(truth, valid), _edges(predicted, valid))
@@ -81,7 +72,13 @@ def _log(depth_m: FloatArray, valid: BoolArray) -> Float32Array:
 
 def _edges(log_depth: Float32Array, valid: BoolArray) -> BoolArray:
     """Canny's edges of log depth, one pixel wide."""
-    smooth, slope = _kernels()
+    # A Gaussian of sum one, and its slope, which gives _GRADIENT_SCALE on a ramp of one.
+    offsets = np.arange(-_RADIUS_PX, _RADIUS_PX + 1)
+    bell = cv2.getGaussianKernel(len(offsets), _SIGMA_PX)[:, 0]
+    smooth: Float32Array = bell.astype(np.float32)
+    slope: Float32Array = (_GRADIENT_SCALE * offsets * bell / (offsets**2 * bell).sum()).astype(
+        np.float32
+    )
     window = np.ones((2 * _RADIUS_PX + 1,) * 2, np.uint8)
     interior = cv2.erode(valid.astype(np.uint8), window, borderValue=1)
     gradients = [
@@ -96,14 +93,6 @@ def _edges(log_depth: Float32Array, valid: BoolArray) -> BoolArray:
         step * float(smooth.max()) * _GRADIENT_SCALE for step in (_WEAK_STEP, _STRONG_STEP)
     )
     return np.asarray(cv2.Canny(x, y, weak, strong, L2gradient=True) > 0)
-
-
-def _kernels() -> tuple[Float32Array, Float32Array]:
-    """A Gaussian of sum one, and its slope, which gives ``_GRADIENT_SCALE`` on a ramp of one."""
-    offsets = np.arange(-_RADIUS_PX, _RADIUS_PX + 1)
-    bell = cv2.getGaussianKernel(len(offsets), _SIGMA_PX)[:, 0]
-    slope = offsets * bell / (offsets**2 * bell).sum()
-    return bell.astype(np.float32), (_GRADIENT_SCALE * slope).astype(np.float32)
 
 
 def _distances(truth: BoolArray, predicted: BoolArray) -> tuple[float, float]:

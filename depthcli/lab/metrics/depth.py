@@ -1,4 +1,4 @@
-"""The depth metrics: one function each, and the table that every report is made from.
+"""The valid pixels of a comparison, and the depth metrics: one function each, and their table.
 
 A metric is ``finish`` of the mean over pixels, whose sum its function returns. With sum and
 ``finish`` apart, one definition serves per-image and pooled averaging, and parts of an image.
@@ -10,30 +10,110 @@ Deep Network", NeurIPS 2014, and the KITTI depth benchmark for ``silog``.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
-from itertools import chain, repeat
-from typing import Self, TypeAlias
+from functools import cached_property, reduce
+from typing import Any, Self, TypeAlias
 
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import Float64Array
+from depthcli.core.arrays import Float64Array, FloatArray
 from depthcli.errors import UsageError
-from depthcli.lab.metrics.pixels import DepthPixels
 from depthcli.lab.options import Averaging
 
+MIN_DEPTH_M, MAX_DEPTH_M = 1e-3, 10.0
+_PART_PIXELS = 77_000  # pixels: longer arrays leave the cache, more parts cost more calls
+_ARRAYS = 6
 _MAX_DOT = 10_000  # with more elements, OpenBLAS starts its own threads
 
 
-def _product(left: Float64Array, right: Float64Array) -> float:
-    """Σ left · right, in steps that are too short for the library to start threads."""
-    starts = range(0, len(left), _MAX_DOT)
-    return float(sum(np.dot(left[i : i + _MAX_DOT], right[i : i + _MAX_DOT]) for i in starts))
+@dataclass(frozen=True)  # without slots: cached properties are stored in the instance
+class DepthPixels:
+    """The valid pixels of a comparison, which properties convert to float64."""
+
+    truth: FloatArray  #: (N,) floats, metres, inside the range
+    prediction: FloatArray  #: (N,) floats, metres, any value
+    min_m: float = MIN_DEPTH_M  #: predictions are clamped to at least this
+    max_m: float = MAX_DEPTH_M  #: predictions are clamped to at most this
+    #: (6, at least N) float64, memory for the arrays below, which is reused for all parts of an
+    #: image; None to allocate it
+    scratch: Float64Array | None = None
+    is_reversed: bool = False  #: whether an alignment of the image exchanged near and far
+
+    @classmethod
+    def of(
+        cls, truth_m: FloatArray, predicted_m: FloatArray, *, max_m: float = MAX_DEPTH_M
+    ) -> Self:
+        """Pixels with truth between 1 mm and ``max_m``; both are metres of one shape."""
+        if truth_m.shape != predicted_m.shape:
+            raise ValueError(f"truth is {truth_m.shape} but prediction is {predicted_m.shape}")
+        valid = (truth_m > MIN_DEPTH_M) & (truth_m < max_m)
+        if valid.all():  # as in most images; a copy by mask would cost more than a metric
+            return cls(truth_m.ravel(), predicted_m.ravel(), max_m=max_m)
+        return cls(truth_m[valid], predicted_m[valid], max_m=max_m)
+
+    def __len__(self) -> int:
+        return int(self.truth.size)
+
+    def parts(self) -> Iterator[Self]:
+        """Split the pixels into parts whose float64 arrays fit the processor's cache.
+
+        Each part is valid until the next one is yielded. Without pixels, there is an empty one.
+        """
+        scratch = np.empty((_ARRAYS, min(_PART_PIXELS, len(self))))
+        for start in range(0, max(1, len(self)), _PART_PIXELS):
+            part = slice(start, start + _PART_PIXELS)
+            pieces = self.truth[part], self.prediction[part]
+            yield type(self)(*pieces, self.min_m, self.max_m, scratch)
+
+    def _scratch_row(self, number: int) -> Float64Array | None:
+        return None if self.scratch is None else self.scratch[number, : len(self)]
+
+    @cached_property
+    def truth_m(self) -> Float64Array:
+        """(N,) g, metres, > 0."""
+        return np.positive(self.truth, out=self._scratch_row(0), dtype=np.float64)
+
+    @cached_property
+    def predicted_m(self) -> Float64Array:
+        """(N,) p, metres, > 0, clamped; NaN becomes ``min_m``."""
+        values, low_m, high_m = self.prediction, self.min_m, self.max_m
+        exact = np.positive(values, out=self._scratch_row(1), dtype=np.float64)
+        if exact.size and low_m <= float(values.min()) and float(values.max()) <= high_m:
+            return exact  # the usual case; NaN fails the comparison
+        np.clip(exact, low_m, high_m, out=exact)
+        exact[np.isnan(exact)] = low_m
+        return exact
+
+    @cached_property
+    def error_m(self) -> Float64Array:
+        """(N,) p − g."""
+        return np.subtract(self.predicted_m, self.truth_m, out=self._scratch_row(2))
+
+    @cached_property
+    def ratio(self) -> Float64Array:
+        """(N,) p / g."""
+        return np.divide(self.predicted_m, self.truth_m, out=self._scratch_row(3))
+
+    @cached_property
+    def relative_error(self) -> Float64Array:
+        """(N,) (p − g) / g."""
+        return np.subtract(self.ratio, 1, out=self._scratch_row(4))
+
+    @cached_property
+    def log_error(self) -> Float64Array:
+        """(N,) ln p − ln g."""
+        return np.log(self.ratio, out=self._scratch_row(5))
+
+    @cached_property
+    def squared_log_error(self) -> float:
+        """Σ (ln p − ln g)²."""
+        return cv2.norm(self.log_error, cv2.NORM_L2SQR)
 
 
 Sums: TypeAlias = Callable[[DepthPixels], tuple[float, ...]]
+Scores: TypeAlias = dict[str, float]  #: values by the names of metrics
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +153,9 @@ def abs_rel(pixels: DepthPixels) -> tuple[float, ...]:
 @_metric(unit="metres")
 def sq_rel(pixels: DepthPixels) -> tuple[float, ...]:
     """Mean (g − p)² / g, in metres."""
-    return (_product(pixels.error_m, pixels.relative_error),)
+    pieces = (slice(i, i + _MAX_DOT) for i in range(0, len(pixels), _MAX_DOT))
+    products = (np.dot(pixels.error_m[part], pixels.relative_error[part]) for part in pieces)
+    return (float(sum(products)),)
 
 
 @_metric(math.sqrt, unit="metres")
@@ -117,22 +199,18 @@ def d3(pixels: DepthPixels) -> tuple[float, ...]:
     return _within(pixels, 1.25**3)
 
 
-def _silog(mean: float, mean_of_squares: float) -> float:
-    # For an exact scaling, rounding can give a value just below zero.
-    return 100 * math.sqrt(max(0.0, mean_of_squares - mean**2))
-
-
-@_metric(_silog)
+# For an exact scaling, rounding can give a variance just below zero.
+@_metric(lambda mean, mean_of_squares: 100 * math.sqrt(max(0.0, mean_of_squares - mean**2)))
 def silog(pixels: DepthPixels) -> tuple[float, ...]:
     """100 · standard deviation of ln p − ln g, which does not depend on the scale."""
     return float(pixels.log_error.sum()), pixels.squared_log_error
 
 
 def add_metric(name: str, function: Callable[[Float64Array, Float64Array], float]) -> None:
-    """Enter a function of true and predicted metres, (N,) float64 of the pixels of an image each.
+    """Enter a function of true and predicted metres, (N,) float64, of the pixels of one image.
 
-    Its attributes ``higher_is_better`` and ``unit`` describe it. Over the pixels of several images,
-    the mean of its values is weighted by their numbers of pixels.
+    Its attributes ``higher_is_better`` and ``unit`` describe it. Pooled, images weigh by their
+    pixels.
     """
     if name in METRICS and not METRICS[name].is_whole:
         raise UsageError(f"there is a metric {name}", "rename the function", option="metric")
@@ -145,28 +223,18 @@ def add_metric(name: str, function: Callable[[Float64Array, Float64Array], float
     METRICS[name] = Metric(name, sums, float, higher, unit, is_whole=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Scores:
-    """One value for every metric of :data:`METRICS`, in its order; NaN for one added later."""
-
-    values: tuple[float, ...]
-
-    @classmethod
-    def of(cls, **named: float) -> Self:
-        """Scores by name; NaN for every metric that is not named."""
-        return cls(tuple(named.get(name, math.nan) for name in METRICS))
-
-    def __getitem__(self, name: str) -> float:
-        return dict(self.items())[name]
-
-    def items(self) -> Iterator[tuple[str, float]]:
-        """(name, value) of every metric."""
-        return zip(METRICS, chain(self.values, repeat(math.nan)), strict=False)
+def in_full(scores: Mapping[str, float]) -> Scores:
+    """Scores of every metric, in the order of the table, then others; NaN for those missing."""
+    return dict.fromkeys(METRICS, math.nan) | dict(scores)
 
 
-def finite_or_none(scores: Iterable[tuple[str, float]]) -> dict[str, float | None]:
-    """Scores by name for JSON; those that are not finite are None."""
-    return {name: value if math.isfinite(value) else None for name, value in scores}
+def finite_or_none(value: Any) -> Any:  # noqa: ANN401 - what JSON can hold
+    """A value for JSON, in which numbers that are not finite are None."""
+    if isinstance(value, dict):
+        return {name: finite_or_none(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite_or_none(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,26 +261,32 @@ class PixelSums:
     def scores(self) -> Scores:
         """Every metric over these pixels; NaN if there are none."""
         if not self.pixel_count:
-            return Scores.of()
+            return in_full({})
         metrics = zip(METRICS.values(), self.sums, strict=True)
-        return Scores(tuple(m.finish(*(s / self.pixel_count for s in sums)) for m, sums in metrics))
+        return {m.name: m.finish(*(s / self.pixel_count for s in sums)) for m, sums in metrics}
 
 
 def mean_scores(images: Iterable[PixelSums], averaging: Averaging = Averaging.IMAGE) -> Scores:
     """Average over the images with a valid pixel; NaN for every metric if none has one.
 
     >>> import numpy as np
-    >>> from depthcli.lab.metrics.pixels import DepthPixels
     >>> truth = np.array([1.0, 2.0, 4.0])
     >>> round(mean_scores([PixelSums.of(DepthPixels.of(truth, truth * 1.1))])["abs_rel"], 6)
     0.1
     """
-    known = [sums for sums in images if sums.pixel_count]
-    if not known:
-        return Scores.of()
-    if averaging is Averaging.POOLED:
-        return reduce(PixelSums.__add__, known).scores()
-    total = (0.0,) * len(METRICS)
-    for sums in known:  # sum() rounds otherwise from Python 3.12 on
-        total = tuple(a + b for a, b in zip(total, sums.scores().values, strict=True))
-    return Scores(tuple(value / len(known) for value in total))
+    scored = [sums for sums in images if sums.pixel_count]
+    if averaging is Averaging.POOLED and scored:
+        return reduce(PixelSums.__add__, scored).scores()
+    return mean_of([sums.scores() for sums in scored])
+
+
+def mean_of(scores: Sequence[Scores]) -> Scores:
+    """Mean of every metric; NaN if there are no scores."""
+    if not scores:
+        return in_full({})
+    return dict(zip(METRICS, map(float, values_of(scores).mean(0)), strict=True))
+
+
+def values_of(scores: Iterable[Scores]) -> Float64Array:
+    """(N, metrics) float64 of N scores, in the order of the table."""
+    return np.array([[in_full(each)[name] for name in METRICS] for each in scores], np.float64)

@@ -17,6 +17,13 @@ from depthcli.lab.datasets.training_data import NYU_HFOV_DEG
 from depthcli.lab.training.config import DataConfig
 
 _SIDE_RANGE = (0.25, 0.75)  # of the rectangle, as fractions of the view's sides
+_WHOLE_SHARE = 0.25  # fraction of views without zoom, like images at inference
+_FULL_ROTATION_ZOOM = 0.2  # a zoom of 1.2 leaves room for the largest rotation
+_CROP_286 = 286 / 256
+_HALF_WIDTH = math.tan(math.radians(NYU_HFOV_DEG / 2))  # half of the image's width at depth 1
+_LEAST_Z = 0.1  # a ray with less leaves an image of up to 168°; behind it, depth is negative
+_ALL_VALID = 0.999  # least interpolated mask of a valid pixel
+_MAX_BORDER = 0.03  # as a fraction of half the image; NYU Depth v2's is .029
 
 
 def cutmix(
@@ -24,19 +31,18 @@ def cutmix(
 ) -> list[Tensor | None]:
     """Paste a rectangle of each view's neighbour in the batch into a share of the views.
 
-    A pasted rectangle keeps its depth but not its surroundings, so that the network cannot infer
-    depth from these (CutMix, Yun et al. 2019; here labels are mixed per pixel, not by area). The
-    maps are (B, C, H, W), of the same views, or None.
+    It keeps its depth but not its surroundings, so the network cannot infer depth from these
+    (CutMix, Yun et al. 2019, but labels are mixed per pixel). The maps are (B, C, H, W) or None.
     """
-    known = [values for values in maps if values is not None]
-    count, _, height, width = known[0].shape
+    sources = [values for values in maps if values is not None]
+    count, _, height, width = sources[0].shape
     chosen = torch.rand(count, generator=random) < share
     drawn = torch.rand(4, count, generator=random).tolist()
     mixed = [None if values is None else values.clone() for values in maps]
     for i in chosen.nonzero()[:, 0].tolist():
         columns = _pixel_range(drawn[0][i], drawn[1][i], width)
         rows = _pixel_range(drawn[2][i], drawn[3][i], height)
-        for new, values in zip(filter(torch.is_tensor, mixed), known, strict=True):
+        for new, values in zip(filter(torch.is_tensor, mixed), sources, strict=True):
             new[i, :, rows, columns] = values[i - 1, :, rows, columns]
     return mixed
 
@@ -49,20 +55,13 @@ def _pixel_range(size: float, place: float, length: int) -> slice:
     return slice(*(math.ceil(end * length - 0.5) for end in (start, start + extent)))
 
 
-_WHOLE_SHARE = 0.25  # fraction of views without zoom, like pictures at inference
-_FULL_ROTATION_ZOOM = 0.2  # a zoom of 1.2 leaves room for the largest rotation
-_CROP_286 = 286 / 256
-_HALF_WIDTH = math.tan(math.radians(NYU_HFOV_DEG / 2))  # half of the picture's width at depth 1
-_LEAST_Z = 0.1  # a ray with less leaves a picture of up to 168°; behind it, depth is negative
-
-
 class Geometry(NamedTuple):
     """Sampling grid and depth scale of some views."""
 
-    grid: Tensor  #: (B, H, W, 2) float32, (x, y) in the pictures, [-1, 1] from edge to edge
-    #: (B, 1, 1, 1) or (B, 1, H, W) float32, depth in the view per depth in the picture
+    grid: Tensor  #: (B, H, W, 2) float32, (x, y) in the images, [-1, 1] from edge to edge
+    #: (B, 1, 1, 1) or (B, 1, H, W) float32, depth in the view per depth in the image
     depth_scale: Tensor
-    #: (B, 1, H, W) bool, False where the view leaves the picture; None if it never does
+    #: (B, 1, H, W) bool, False where the view leaves the image; None if it never does
     inside: Tensor | None
 
 
@@ -81,18 +80,21 @@ def draw_views(
     random: torch.Generator,
     tan_half_fov: Tensor | None = None,
 ) -> Geometry:
-    """Sample views of ``size`` (width, height) px from pictures stretched to the network's input.
+    """Sample views of ``size`` (width, height) px from images stretched to the network's input.
 
-    ``tan_half_fov`` (``count``, 2) float64 is the tangent of half the angle of view of each
-    picture, across and down; None is NYU's angle across, and square pixels of the input.
+    ``tan_half_fov`` (``count``, 2) float64 is the tangent of half of each image's angle of view,
+    across and down; None is NYU's across, and square pixels of the input.
     """
     if tan_half_fov is None:
         down = _HALF_WIDTH * data.height / data.width
         tan_half_fov = torch.tensor([[_HALF_WIDTH, down]], dtype=torch.float64)
     aspect = (tan_half_fov[:, 0] / tan_half_fov[:, 1]).float()
     cover = torch.tensor([size[0] / data.width, size[1] / data.height])
-    least = max(1.0, float(cover.max()))  # zoom at which the view fits into the picture
-    zoom = _zooms(count, data, random) * least
+    zoom = torch.full((count,), _CROP_286)
+    if not data.crop_286:
+        zoom = torch.exp(torch.rand(count, generator=random) * math.log(data.zoom))
+        zoom[torch.rand(count, generator=random) < _WHOLE_SHARE] = 1
+    zoom = zoom * max(1.0, float(cover.max()))  # the view fits into the image
     view = _affine(zoom, cover, aspect, data, random)
     grid = _sampling_grid(view, *size)
     metric_zoom = zoom / _CROP_286 if data.crop_286 else zoom
@@ -105,18 +107,10 @@ def draw_views(
     return Geometry(grid, depth_scale / along_axis[:, None], inside)
 
 
-def _zooms(count: int, data: DataConfig, random: torch.Generator) -> Tensor:
-    if data.crop_286:
-        return torch.full((count,), _CROP_286)
-    zoom = torch.exp(torch.rand(count, generator=random) * math.log(data.zoom))
-    whole = torch.rand(count, generator=random) < _WHOLE_SHARE
-    return torch.where(whole, torch.ones(()), zoom)
-
-
 def _affine(
     zoom: Tensor, cover: Tensor, aspect: Tensor, data: DataConfig, random: torch.Generator
 ) -> Tensor:
-    """Affine maps (B, 2, 3) from view to picture coordinates; views lie inside the picture."""
+    """Affine maps (B, 2, 3) from view to image coordinates; views lie inside the image."""
     uniform = torch.rand(4, len(zoom), generator=random) * 2 - 1
     mirror = torch.where(uniform[0] < 0, -1.0, 1.0)
     spare = zoom / cover.max().clamp(min=1) - 1
@@ -133,7 +127,7 @@ def _affine(
 
 
 def _sampling_grid(view: Tensor, width: int, height: int) -> Tensor:
-    """Picture coordinates of each pixel of the views, (B, H, W, 2) in [-1, 1]."""
+    """Image coordinates of each pixel of the views, (B, H, W, 2) in [-1, 1]."""
     # F.affine_grid gives the same, but its batched matrix product takes 1.4 ms of a 190 ms step.
     x = (torch.arange(width) * 2 + 1) / width - 1
     y = (torch.arange(height) * 2 + 1) / height - 1
@@ -144,8 +138,8 @@ def _sampling_grid(view: Tensor, width: int, height: int) -> Tensor:
 def _rotate_camera(grid: Tensor, shift: Tensor, halves: Tensor) -> tuple[Tensor, Tensor]:
     """Replace a shift (B, 2) by a camera rotation; the new grid, and z of each ray (B, H, W).
 
-    The rotation is the smallest that takes the optical axis to the centre of the view. ``halves``
-    (B, 2) is half the width and height of the pictures at depth 1.
+    It is the smallest that takes the optical axis to the centre of the view. ``halves`` (B, 2) is
+    half the width and height of the images at depth 1.
     """
     axis = torch.cat([shift * halves, torch.ones(len(shift), 1)], 1)
     halves = halves[:, None, None]
@@ -156,10 +150,6 @@ def _rotate_camera(grid: Tensor, shift: Tensor, halves: Tensor) -> tuple[Tensor,
     z = (c - a * x - b * y).clamp(min=_LEAST_Z)
     new_x, new_y = x - a * towards + a, y - b * towards + b
     return torch.stack([new_x / z, new_y / z], -1) / halves, z
-
-
-_ALL_VALID = 0.999  # least interpolated mask of a valid pixel
-_MAX_BORDER = 0.03  # as a fraction of half the picture; NYU Depth v2's is .029
 
 
 class Views(NamedTuple):
@@ -180,11 +170,7 @@ def augment(
     size: tuple[int, int] | None = None,
     tan_half_fov: Tensor | None = None,
 ) -> Views:
-    """Random views of pairs: RGB (B, 3, h, w) in [0, 1], metres and mask (B, 1, h, w), aligned.
-
-    The views' ``size`` (width, height) px is sampled if it is None; ``tan_half_fov`` is as
-    :func:`draw_views` takes it.
-    """
+    """Random views of RGB (B, 3, h, w) in [0, 1], metres and mask (B, 1, h, w); a size is drawn."""
     size = view_size(data, random) if size is None else size
     geometry = draw_views(len(rgb), size, data, random, tan_half_fov)
     grid = geometry.grid.to(rgb.device)
@@ -211,12 +197,10 @@ def to_network_input(rgb: Tensor, data: DataConfig) -> Tensor:
 
 
 def _gray(rgb: Tensor, data: DataConfig) -> Tensor:
-    if data.colour == "rgb":
-        return rgb
-    if data.colour == "value":
-        return rgb.amax(1, keepdim=True)
-    weights = torch.tensor([0.299, 0.587, 0.114], device=rgb.device).view(1, 3, 1, 1)
-    return (rgb * weights).sum(1, keepdim=True)
+    if data.colour == "luma":
+        weights = torch.tensor([0.299, 0.587, 0.114], device=rgb.device).view(1, 3, 1, 1)
+        return (rgb * weights).sum(1, keepdim=True)
+    return rgb if data.colour == "rgb" else rgb.amax(1, keepdim=True)
 
 
 def _sample_with_borders(
@@ -230,9 +214,9 @@ def _sample_with_borders(
     replaced, painted = chosen < data.border / 2, chosen > 1 - data.border / 2
     limit = torch.where(replaced, 1 - _MAX_BORDER, 1.0)
     inner = grid.clamp(-limit, limit)
-    seen = F.grid_sample(gray, inner, padding_mode="border", align_corners=False)
+    sampled = F.grid_sample(gray, inner, padding_mode="border", align_corners=False)
     outer = (grid.abs() > 1 - width).any(-1)[:, None]
-    return torch.where(outer & painted, level, seen)
+    return torch.where(outer & painted, level, sampled)
 
 
 def _jitter_exposure(gray: Tensor, data: DataConfig, random: torch.Generator) -> Tensor:
@@ -252,16 +236,12 @@ def _jitter_exposure(gray: Tensor, data: DataConfig, random: torch.Generator) ->
         gray = torch.lerp(gray, _binomial_blur(gray), blend)
     if data.noise:
         strength = torch.rand(count, 1, 1, 1, generator=random).to(gray.device) * data.noise
-        gray = _noise_like(gray, random).mul_(strength).add_(gray)
+        if gray.is_cuda:  # so much is drawn there
+            seed = int(torch.randint(2**62, (), generator=random))
+            random = torch.Generator(gray.device).manual_seed(seed)
+        noise = torch.randn(gray.shape, generator=random, device=random.device)
+        gray = noise.mul_(strength).add_(gray)
     return gray.clamp(0, 1).mul_(2).sub_(1)
-
-
-def _noise_like(gray: Tensor, random: torch.Generator) -> Tensor:
-    """Standard normal noise, drawn on a GPU if the image is there."""
-    if gray.is_cuda:
-        seed = int(torch.randint(2**62, (), generator=random))
-        random = torch.Generator(gray.device).manual_seed(seed)
-    return torch.randn(gray.shape, generator=random, device=random.device)
 
 
 def _binomial_blur(gray: Tensor) -> Tensor:

@@ -1,8 +1,9 @@
-"""Callbacks of a run: metrics log, validation, sample images."""
+"""The interface of callbacks, and what each run does: metrics log, validation, sample images."""
 
 import json
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -16,13 +17,11 @@ from depthcli.core.types import DepthMap
 from depthcli.io.formats.preview import PreviewWriter, percentiles
 from depthcli.io.storage.atomic import append_whole, atomic_path
 from depthcli.lab.datasets.base import DepthDataset
-from depthcli.lab.metrics.depth import PixelSums, Scores, finite_or_none, mean_scores
-from depthcli.lab.metrics.pixels import MAX_DEPTH_M, DepthPixels
+from depthcli.lab.metrics import depth as metrics
 from depthcli.lab.training.augment import Views
 from depthcli.lab.training.config import TrainConfig
-from depthcli.lab.training.data import PairStore, whole_images
+from depthcli.lab.training.data import PairStore, drawn_prompts, whole_images
 from depthcli.lab.training.networks.prompted import coded_prompt
-from depthcli.lab.training.prompts import drawn_prompts
 from depthcli.lab.training.provenance import TrainState
 
 _BATCH_SIZE = 16  # of validation
@@ -33,10 +32,7 @@ class Callback:
     """Called during training. The base class does nothing."""
 
     def on_train_start(self, warnings: tuple[str, ...]) -> None:
-        """Called before the first step, also of a resumed run, with doubts about data and scores.
-
-        They are one line each.
-        """
+        """Called before the first step of a session with doubts about the run, one line each."""
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Called after each step; ``steps`` is their total number."""
@@ -55,7 +51,7 @@ def append_log(path: Path, state: TrainState, losses: dict[str, float]) -> None:
         "step": state.step,
         "seconds": round(state.seconds, 1),
         "losses": losses,
-        "scores": finite_or_none(state.scores.items()),
+        "scores": metrics.finite_or_none(state.scores),
     }
     with path.open("ab", buffering=0) as file:
         append_whole(file, json.dumps(line).encode() + b"\n")
@@ -64,10 +60,10 @@ def append_log(path: Path, state: TrainState, losses: dict[str, float]) -> None:
 def truncate_log(path: Path, step: int) -> None:
     """Remove lines after a step, which the resumed run writes again, and an incomplete line."""
     content = path.read_bytes() if path.exists() else b""
-    kept = b"".join(line + b"\n" for line in content.splitlines() if _step(line) <= step)
-    if kept != content:
+    lines = b"".join(line + b"\n" for line in content.splitlines() if _step(line) <= step)
+    if lines != content:
         with atomic_path(path) as temporary:
-            temporary.write_bytes(kept)
+            temporary.write_bytes(lines)
 
 
 def _step(line: bytes) -> float:
@@ -98,17 +94,14 @@ class Validation:
     def _prompts(self, rows: Sequence[int]) -> tuple[Tensor, ...]:
         """Known depth and its mask as training draws them, the same in every epoch; or none."""
         config, size = self.config, (self.config.data.height, self.config.data.width)
-        if not config.generator.prompt:
-            return ()
-        found = []
-        for row in rows:
+        prompts, mask = [], self.store.valid_mask
+        for row in rows if config.generator.prompt else ():
             depth_m = F.interpolate(self.store.depth_m[[row]].float(), size, mode="nearest")
-            mask = self.store.valid_mask
             if mask is not None:
                 depth_m *= F.interpolate(mask[[row]].float(), size, mode="nearest")
             views = Views(self.inputs([row]), depth_m, None)
-            found.append(drawn_prompts(views, config.prompt, np.random.SeedSequence(row)))
-        return coded_prompt(torch.cat(found), config.output.codec)
+            prompts.append(drawn_prompts(views, config.prompt, np.random.SeedSequence(row)))
+        return coded_prompt(torch.cat(prompts), config.output.codec) if prompts else ()
 
     @torch.no_grad()
     def raw(self, generator: nn.Module, rows: Sequence[int], device: torch.device) -> Tensor:
@@ -120,14 +113,13 @@ class Validation:
         generator.train(was_training)
         return raw
 
-    def score(self, generator: nn.Module, device: torch.device) -> Scores:
-        """Mean over the pairs of every metric, at the truth's size, to 10 m or ``output.max_m``.
+    def score(self, generator: nn.Module, device: torch.device) -> metrics.Scores:
+        """Mean of every metric over the pairs, at the truth's size, to 10 m or ``output.max_m``.
 
-        By the headline protocol of the evaluation; depth that is scaled to one camera is compared
-        in true metres.
+        By the headline protocol of the evaluation, in true metres also of other cameras.
         """
-        sums, codec = list[PixelSums](), self.config.output.codec
-        farthest_m = max(MAX_DEPTH_M, self.config.output.max_m)
+        sums, codec = list[metrics.PixelSums](), self.config.output.codec
+        farthest_m = max(metrics.MAX_DEPTH_M, self.config.output.max_m)
         for start in range(0, len(self), _BATCH_SIZE):
             rows = range(start, min(start + _BATCH_SIZE, len(self)))
             for row, raw in zip(rows, self.raw(generator, rows, device), strict=True):
@@ -136,33 +128,28 @@ class Validation:
                 depth_m = torch.from_numpy(codec.decode(raw.numpy()))
                 grown_m = F.interpolate(depth_m[None], truth_m.shape, mode="bilinear")
                 predicted_m = grown_m[0, 0].numpy() / scale
-                pixels = DepthPixels.of(truth_m, predicted_m, max_m=farthest_m)
-                sums.append(PixelSums.of(pixels))
-        return mean_scores(sums)
+                pixels = metrics.DepthPixels.of(truth_m, predicted_m, max_m=farthest_m)
+                sums.append(metrics.PixelSums.of(pixels))
+        return metrics.mean_scores(sums)
 
 
 def write_samples(
     folder: Path, epoch: int, validation: Validation, generator: nn.Module, fabric: Fabric
 ) -> None:
-    """Write ``samples/epoch-NNNN.jpg``: input, output and truth of up to 6 held-out pairs.
-
-    Colours are those of the truth's range.
-    """
+    """Write ``samples/epoch-NNNN.jpg``: input, output and truth, in its range, of up to 6 pairs."""
     rows = np.linspace(0, len(validation) - 1, min(_SAMPLES, len(validation))).astype(int).tolist()
     inputs = validation.inputs(rows).expand(-1, 3, -1, -1).permute(0, 2, 3, 1).numpy()
     images = ((inputs + 1) * 127.5).astype(np.uint8)
     raw = validation.raw(generator, rows, fabric.device).numpy()[:, 0]
     codec = validation.config.output.codec
-    lines = []
-    for i, row in enumerate(rows):
-        size = (images.shape[2], images.shape[1])
+    lines, size = [], (images.shape[2], images.shape[1])
+    for image, output, row in zip(images, raw, rows, strict=True):
         depth_m = validation.dataset.depth_m(validation.positions[row])
         truth_m = np.array(cv2.resize(depth_m, size, interpolation=cv2.INTER_NEAREST), np.float32)
         truth_m[truth_m == 0] = np.nan
-        output_m = np.array(cv2.resize(codec.decode(raw[i]), size), np.float32)
-        output, truth = DepthMap(output_m), DepthMap(truth_m)
-        shown = [PreviewWriter().render(one, spread=percentiles(truth)) for one in (output, truth)]
-        lines.append(np.hstack([images[i], *shown]))
+        output_m = np.array(cv2.resize(codec.decode(output), size), np.float32)
+        render = partial(PreviewWriter().render, spread=percentiles(DepthMap(truth_m)))
+        lines.append(np.hstack([image, *map(render, map(DepthMap, (output_m, truth_m)))]))
     encoded = cv2.imencode(".jpg", np.vstack(lines)[..., ::-1])[1]
     with atomic_path(sample_path(folder, epoch)) as temporary:
         temporary.write_bytes(encoded.tobytes())

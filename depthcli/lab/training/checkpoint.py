@@ -22,6 +22,9 @@ from depthcli.lab.training.provenance import DataProvenance, TrainState
 
 _FORMAT = "depthcli-checkpoint"
 _VERSION = 2
+CHECKPOINT = "last.ckpt"
+BEST_CHECKPOINT = "best.ckpt"
+METRICS_LOG = "metrics.jsonl"
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -32,8 +35,7 @@ class Checkpoint:
     state: TrainState  #: how far it had come
     provenance: DataProvenance  #: the data it is trained on
     method: dict[str, Any]  #: state dict of all networks
-    #: state dict of the averaged generator; None if the run keeps none
-    ema_generator: dict[str, Any] | None
+    ema_generator: dict[str, Any] | None  #: state dict of the averaged generator, if there is one
     optimizers: dict[str, Any]  #: state dicts by phase
     extra: dict[str, Any]  #: further state of the method, such as image pools
     rng: torch.Tensor  #: state of torch's generator, (n,) uint8
@@ -56,9 +58,8 @@ class Checkpoint:
         except (OSError, RuntimeError) as error:
             # torch's message of a failed write names no cause.
             reason = getattr(error, "strerror", None) or "not all of it reached the disk"
-            raise CheckpointError(
-                f"cannot write {path} ({reason})", "free some space; older checkpoints are kept"
-            ) from error
+            advice = "free some space; older checkpoints are kept"
+            raise CheckpointError(f"cannot write {path} ({reason})", advice) from error
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -70,9 +71,8 @@ class Checkpoint:
         except FileNotFoundError:
             raise CheckpointError(f"no checkpoint at {path}") from None
         except Exception as error:  # a file that is not a pickle can raise anything
-            raise CheckpointError(
-                f"{path} is not a complete checkpoint of 'depthcli train'", "use another one"
-            ) from error
+            message = f"{path} is not a complete checkpoint of 'depthcli train'"
+            raise CheckpointError(message, "use another one") from error
         if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
             raise CheckpointError(f"{path} was not made by 'depthcli train'")
         if content.pop("version", None) != _VERSION:
@@ -87,32 +87,24 @@ class Checkpoint:
         except (FieldError, UsageError) as error:
             raise CheckpointError(f"{path} cannot be used: {error}", "use another one") from error
         except (AttributeError, KeyError, TypeError) as error:
-            raise CheckpointError(
-                f"{path} lacks parts of a checkpoint", "use another one"
-            ) from error
+            message = f"{path} lacks parts of a checkpoint"
+            raise CheckpointError(message, "use another one") from error
 
 
 def load_generator(path: Path, weights: Weights = Weights.AVERAGED) -> tuple[nn.Module, Checkpoint]:
     """The generator of a checkpoint in evaluation mode, with averaged or raw weights."""
     checkpoint = Checkpoint.load(path)
-    generator: nn.Module = build_network(
-        checkpoint.config.generator, checkpoint.config.data.channels
-    )
+    config = checkpoint.config
+    generator: nn.Module = build_network(config.generator, config.data.channels)
     state = checkpoint.ema_generator if weights is Weights.AVERAGED else None
     if state is None:
-        prefix = "generator."
-        named = checkpoint.method.items()
-        state = {k.removeprefix(prefix): v for k, v in named if k.startswith(prefix)}
+        parts = [(name.partition("."), tensor) for name, tensor in checkpoint.method.items()]
+        state = {name: tensor for (part, _, name), tensor in parts if part == "generator"}
     try:
         generator.load_state_dict(state)
     except RuntimeError as error:
         raise CheckpointError(f"{path} does not fit its own configuration") from error
     return generator.eval(), checkpoint
-
-
-CHECKPOINT = "last.ckpt"
-BEST_CHECKPOINT = "best.ckpt"
-METRICS_LOG = "metrics.jsonl"
 
 
 @contextmanager

@@ -3,9 +3,11 @@
 :mod:`~depthcli.lab.training.settings` applies files and settings to a method's defaults.
 """
 
+# ruff: noqa: RUF009 - weights of terms are fields, too
+
 import math
 from dataclasses import dataclass, field, fields
-from typing import Annotated, Literal, TypeAlias, TypeVar
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 from depthcli.core.options import MILLIMETRES, Rule
 from depthcli.core.types import DepthCodec
@@ -25,6 +27,7 @@ _LEVELS = {
 _PROMPT_LEVELS = 4
 _TERM = "term"
 
+_Pattern: TypeAlias = Literal["uniform", "lidar", "camera", "corners"]
 Precision: TypeAlias = Literal["32-true", "bf16-mixed", "16-mixed"]
 Count: TypeAlias = Annotated[int, Rule("a whole number from 0 up", lambda n: n >= 0)]
 Positive: TypeAlias = Annotated[int, Rule("a whole number from 1 up", lambda n: n >= 1)]
@@ -54,8 +57,7 @@ class GeneratorConfig:
     name: Literal["resnet", "efficient", "encoder"] = "resnet"
     width: Positive = 64  #: channels of the first layer of ``resnet``
     blocks: Positive = 9  #: residual blocks of ``resnet``
-    #: final residual connection of ``resnet``: stem features, input, or none
-    residual: Literal["none", "stem", "input"] = "stem"
+    residual: Literal["none", "stem", "input"] = "stem"  #: final connection of ``resnet``
     antialias: bool = False  #: blur when ``resnet`` changes resolution (the CUT family)
     #: channels of ``efficient`` at strides 2, 4, 8, 16, 32; of ``encoder``, its name in timm
     encoder: tuple[Positive, ...] | str = (32, 64, 128, 192, 256)
@@ -64,10 +66,9 @@ class GeneratorConfig:
     #: residual blocks of ``efficient`` at strides 4, 8, 16, 32
     depths: tuple[Positive, ...] = (2, 2, 2, 2)
     dropout: Share = 0.0  #: share of bottleneck channels of ``efficient`` dropped while training
-    #: of ``efficient`` and ``encoder``: ``batch``; ``none`` to start from an exported model, where
-    #: it is folded; or of ``encoder``, ``decoder``, where that of the encoder alone is folded.
-    #: Statistics of ``batch`` are those of all inputs of G: with identity, cycle or contrast also
-    #: of depth maps
+    #: of ``efficient`` and ``encoder``: ``batch``, also of depth maps for identity, cycle or
+    #: contrast; ``none`` to start from an exported model, where it is folded; ``decoder`` to fold
+    #: that of the encoder alone
     norm: Literal["batch", "decoder", "none"] = "batch"
     #: channels at strides 16, 8, 4, 2 of the layers that take known depth, for the method
     #: ``prompted``; empty without them
@@ -79,28 +80,16 @@ class PromptConfig:
     """Known depth that the method ``prompted`` learns from; each view gets one of the patterns."""
 
     #: ``uniform`` points, ``lidar`` lines, a depth ``camera`` of few pixels, ``corners`` as of SLAM
-    patterns: tuple[Literal["uniform", "lidar", "camera", "corners"], ...] = (
-        "uniform",
-        "uniform",
-        "lidar",
-        "camera",
-        "corners",
-    )
+    patterns: tuple[_Pattern, ...] = ("uniform", "uniform", "lidar", "camera", "corners")
     points: tuple[Positive, Positive] = (5, 20_000)  #: least and largest number of uniform points
     corners: tuple[Positive, Positive] = (10, 1_000)  #: of corners
     lines: tuple[Positive, ...] = (1, 4, 16, 64)  #: numbers of lidar lines
     columns: tuple[Positive, Positive] = (16, 64)  #: of a depth camera
     range_m: tuple[Metres, Metres] = (2.5, 8.0)  #: beyond which a depth camera sees nothing
     exact: UnitInterval = 0.5  #: share of prompts whose only errors are those of ``jitter_px``
-    #: largest standard deviation of noise relative to depth, of half of the others
-    noise: Share = 0.03
+    noise: Share = 0.03  #: largest standard deviation, relative to depth, of half of the others
     kinect: UnitInterval = 0.2  #: share of the others whose noise grows with distance, as Kinect's
-    wrong: tuple[Share, ...] = (
-        0.0,
-        0.02,
-        0.1,
-        0.25,
-    )  #: shares of points that are wrong, of the others
+    wrong: tuple[Share, ...] = (0.0, 0.02, 0.1, 0.25)  #: shares of wrong points, of the others
     jitter_px: Amount = 0.3  #: standard deviation of the shift of each point, network px
     shift_px: Amount = 2.0  #: largest shift of all points, of a wrong calibration, network px
     shifted: UnitInterval = 0.2  #: share of the others that are shifted
@@ -115,8 +104,7 @@ class OutputConfig:
 
     #: ``linear`` maps [0, max_m] to [-1, 1] (the paper), ``log`` maps [min_m, max_m]
     coding: Literal["linear", "log"] = "linear"
-    #: nearest depth of the log coding, metres; also the clip of the exported model
-    min_m: Metres = 0.4
+    min_m: Metres = 0.4  #: nearest depth of ``log``, and clip of the exported model, metres
     max_m: Metres = 10.0  #: farthest depth, metres
 
     @property
@@ -136,34 +124,24 @@ class DataConfig:
     #: ``value`` is V of HSV (the paper), ``luma`` Rec. 601; ``rgb`` is for
     #: ``generator.name=resnet``, or ``encoder`` with the losses ``l1`` and ``gradient`` alone
     colour: Literal["value", "luma", "rgb"] = "value"
-    #: aligned pairs of image and depth map; False samples them independently
-    paired: bool = True
-    #: enlarge images by 286/256, then crop, as the original methods do; depth is not divided by
-    #: this zoom, so its metres are not true
+    paired: bool = True  #: aligned images and depth maps; False samples them independently
+    #: enlarge by 286/256, then crop, as the original methods do; metres are not divided by this
     crop_286: bool = False
     zoom: Zoom = 1.0  #: largest zoom-in; depth is divided by the zoom, so metres stay true
-    #: further aspect ratios (width / height) of views; half of the batches have one of them
-    aspects: tuple[Aspect, ...] = ()
-    #: fraction of the views that are taken with a rotated camera; the others are crops
-    turn: UnitInterval = 0.0
+    aspects: tuple[Aspect, ...] = ()  #: further width / height of views, in half of the batches
+    turn: UnitInterval = 0.0  #: fraction of the views with a rotated camera; the others are crops
     rotate_deg: Amount = 0.0  #: largest rotation about the optical axis, as far as zoom has room
     colour_jitter: Amount = 0.0  #: standard deviation of the log gain of each colour channel
     gamma: Amount = 0.0  #: standard deviation of the log gamma of V
     brightness: Amount = 0.0  #: standard deviation of the log gain of V
     blur: UnitInterval = 0.0  #: largest weight of a binomial filter, in [0, 1]
-    #: fraction of the views without the border of their image: in half of them it repeats the
-    #: pixels inside it, in the other half it is painted in one gray
-    border: UnitInterval = 0.0
+    border: UnitInterval = 0.0  #: fraction of the views whose border is repeated or painted gray
     noise: Amount = 0.0  #: largest standard deviation of pixel noise, in [0, 1] units
     pseudo_label_share: Share = 0.5  #: fraction of each batch from the pseudo labels, if any
-    #: probability that a view gets a rectangle of another one, image and depth alike
-    cutmix: Share = 0.0
-    #: NYU Depth v2: the split whose training pairs are used
-    split: Literal["paper", "official"] = "paper"
-    #: depth units per metre in a custom folder
-    units_per_metre: Scale = MILLIMETRES
-    #: every n-th scene by name is held out for validation; 0 holds out none
-    holdout_every: Count = 7
+    cutmix: Share = 0.0  #: probability that a view gets a rectangle of another one, depth alike
+    split: Literal["paper", "official"] = "paper"  #: of NYU Depth v2, whose training pairs are used
+    units_per_metre: Scale = MILLIMETRES  #: of depth in a folder of your own
+    holdout_every: Count = 7  #: every n-th scene by name is held out for validation; 0 for none
     holdout_offset: Count = 3  #: index of the first of them
 
     @property
@@ -174,20 +152,18 @@ class DataConfig:
     def view_sides(self, aspect: float) -> tuple[int, int]:
         """Width and height of views of another aspect ratio, px, with about as many pixels."""
         width = math.sqrt(self.width * self.height * aspect)
-        across, down = (
-            max(1, round(side / _SIDE_STEP_PX)) * _SIDE_STEP_PX for side in (width, width / aspect)
-        )
+        steps = (max(1, round(side / _SIDE_STEP_PX)) for side in (width, width / aspect))
+        across, down = (count * _SIDE_STEP_PX for count in steps)
         return across, down
 
 
-def _weighs(loss: str = "") -> dict[str, str]:
-    """Field metadata that marks the weight of a loss term.
+def _term(weight: float, loss: str = "") -> Any:  # noqa: ANN401 - a field
+    """The weight of a loss term.
 
-    ``loss`` names a function of :mod:`depthcli.lab.training.losses` for terms that only compare a
-    depth map with its ground truth: of prediction, truth (B, 1, H, W) and a mask, None for all
-    pixels.
+    ``loss`` names the function of :mod:`depthcli.lab.training.losses` for a term that only compares
+    prediction and truth (B, 1, H, W), where a mask is valid, or everywhere (None).
     """
-    return {_TERM: loss}
+    return field(default=weight, metadata={_TERM: loss})
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,34 +173,26 @@ class LossConfig:
     A method uses some of them (``Method.TERMS``); the others have to be zero.
     """
 
-    adversarial: Amount = field(default=1.0, metadata=_weighs())  #: λ1
-    #: λ2, NCE of x and G(x); hDCE for HnegSRC
-    contrast_x: Amount = field(default=0.5, metadata=_weighs())
-    #: λ3, NCE of y and G(y); of y and F(y) for DCLGAN and SimDCL
-    contrast_y: Amount = field(default=0.5, metadata=_weighs())
-    identity: Amount = field(default=5.0, metadata=_weighs())  #: λ4, eq. 3
-    cycle: Amount = field(default=10.0, metadata=_weighs())  #: λ5, eq. 2
-    #: λ6, eq. 1; zero is the unpaired ablation
-    l1: Amount = field(default=10.0, metadata=_weighs())
+    adversarial: Amount = _term(1.0)  #: λ1
+    contrast_x: Amount = _term(0.5)  #: λ2, NCE of x and G(x); hDCE for HnegSRC
+    contrast_y: Amount = _term(0.5)  #: λ3, NCE of y and G(y); of y and F(y) for DCLGAN and SimDCL
+    identity: Amount = _term(5.0)  #: λ4, eq. 3
+    cycle: Amount = _term(10.0)  #: λ5, eq. 2
+    l1: Amount = _term(10.0)  #: λ6, eq. 1; zero is the unpaired ablation
     weight_penalty: Amount = 1e-6  #: λ of eq. 1, on squared convolution weights
     #: multi-scale gradient matching, beyond the paper
-    gradient: Amount = field(default=0.0, metadata=_weighs("gradient_loss"))
-    #: weight of the error in scale of pseudo labels: with 0 they supervise relative depth only,
-    #: with 1 metres too; a view mixed by ``data.cutmix`` has one scale for both its images
+    gradient: Amount = _term(0.0, "gradient_loss")
+    #: weight of the error in scale of pseudo labels: 0 for relative depth only, 1 for metres too
     pseudo_label_scale: UnitInterval = 0.0
     gan: Literal["lsgan", "hinge", "ralsgan"] = "lsgan"  #: form of the adversarial terms
     adversarial_backward: bool = True  #: also a discriminator for F's images
-    #: ``cut`` compares output with input, ``cfl`` output with paired truth
-    contrast: Literal["cut", "cfl"] = "cut"
-    #: also eq. 1, with ``l1`` as its weight, between F's output and the paired image
-    l1_backward: bool = False
+    contrast: Literal["cut", "cfl"] = "cut"  #: output against input, or its paired truth
+    l1_backward: bool = False  #: also eq. 1 between F's output and the paired image
     flip_contrast: bool = False  #: half of the steps mirror the input of G (FastCUT)
-    #: λ of semantic relation consistency (HnegSRC)
-    relation: Amount = field(default=0.0, metadata=_weighs())
+    relation: Amount = _term(0.0)  #: λ of semantic relation consistency (HnegSRC)
     gamma_start: Scale = 50.0  #: γ of HnegSRC's negatives at the first step
     gamma_end: Scale = 10.0  #: γ at the last step; linear in between
-    #: weight of the similarity loss (SimDCL)
-    similarity: Amount = field(default=0.0, metadata=_weighs())
+    similarity: Amount = _term(0.0)  #: weight of the similarity loss (SimDCL)
     #: losses like ``gradient_loss`` of other packages: weight by ``module:function``
     custom: dict[str, Amount] = field(default_factory=dict)
 
@@ -255,8 +223,7 @@ class OptimConfig:
     ema: Share = 0.0  #: decay of the weight average that is validated and exported; 0 keeps none
     pool_size: Count = 50  #: image pool of the discriminators; 0 has none
     width_discriminator: Positive = 64  #: first layer of the discriminators
-    #: of the heads of DCLGAN and SimDCL; 0 is ``learning_rate`` and its betas, as SimDCL has it
-    head_learning_rate: Amount = 0.0
+    head_learning_rate: Amount = 0.0  #: of heads of DCLGAN and SimDCL; 0 for that of the others
     head_beta1: Share = 0.5  #: Adam's first, of those heads
     head_beta2: Share = 0.999  #: Adam's second, of those heads
 
@@ -285,14 +252,11 @@ class TrainConfig:
 
     method: str = "proposed"  #: name of the method
     seed: Seed = 0  #: of weights, order and augmentation
-    #: epochs from one validation to the next; the last is always validated
-    validate_every: Positive = 1
-    #: epochs from one checkpoint to the next; a run that stops always writes one
-    save_every: Positive = 1
+    validate_every: Positive = 1  #: epochs from one validation to the next; the last has one
+    save_every: Positive = 1  #: epochs from one checkpoint to the next; the end has one
     monitor: MetricName = "abs_rel"  #: metric of the held-out pairs whose best epoch is best.ckpt
     patience: Count = 0  #: epochs without a better one after which a run ends; 0 never ends it
-    #: Fabric's name of it: ``32-true``, ``bf16-mixed`` or ``16-mixed``
-    precision: Precision = "32-true"
+    precision: Precision = "32-true"  #: by Fabric's name
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
     prompt: PromptConfig = field(default_factory=PromptConfig)
     output: OutputConfig = field(default_factory=OutputConfig)
@@ -327,8 +291,8 @@ def check_config(config: TrainConfig) -> None:
     needs += ["contrast=cfl"] if config.loss.contrast == "cfl" else []
     needs += [f"custom.{name}" for name in config.loss.custom]
     if needs and not config.data.paired:
-        told = f"loss.{needs[0]} compares with the truth of the same scene"
-        raise UsageError(told, "remove it or, if the method takes pairs, set data.paired=true")
+        message = f"loss.{needs[0]} compares with the truth of the same scene"
+        raise UsageError(message, "remove it or, if the method takes pairs, set data.paired=true")
     if config.data.channels > 1:
         _check_colour(config)
 
@@ -336,12 +300,11 @@ def check_config(config: TrainConfig) -> None:
 def _check_colour(config: TrainConfig) -> None:
     """Check that all networks that the losses need take images of three channels."""
     generator, loss = config.generator, config.loss
-    compared = {"l1", *PAIRED_LOSSES}
-    others = any(getattr(loss, name) for name in TERMS if name not in compared)
-    others = others or bool(loss.l1 and loss.l1_backward)
+    names = {*TERMS}.difference(["l1"], PAIRED_LOSSES)
+    others = (loss.l1 and loss.l1_backward) or any(getattr(loss, name) for name in names)
     if generator.name == "efficient" or (generator.name == "encoder" and others):
-        told = "data.colour=rgb is for generator.name=resnet, or encoder with l1 and gradient alone"
-        raise UsageError(told)
+        message = "is for generator.name=resnet, or encoder with l1 and gradient alone"
+        raise UsageError(f"data.colour=rgb {message}")
     if generator.residual == "input" and generator.name == "resnet":
         raise UsageError("generator.residual=input adds an image of one channel to the depth")
 
@@ -350,11 +313,8 @@ def _check_prompt(config: TrainConfig) -> None:
     generator = config.generator
     if bool(generator.prompt) != (config.method == "prompted"):
         raise UsageError("generator.prompt is for the method prompted, which needs it")
-    if not generator.prompt:
-        return
-    if generator.name == "resnet" or config.output.coding != "log":
-        raise UsageError(
-            "the method prompted needs generator.name=efficient or encoder and output.coding=log"
-        )
-    if len(generator.prompt) != _PROMPT_LEVELS:
+    if generator.prompt and (generator.name == "resnet" or config.output.coding != "log"):
+        needs = "generator.name=efficient or encoder and output.coding=log"
+        raise UsageError(f"the method prompted needs {needs}")
+    if len(generator.prompt) not in (0, _PROMPT_LEVELS):
         raise UsageError(f"generator.prompt has to be {_PROMPT_LEVELS} numbers")

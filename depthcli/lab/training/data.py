@@ -1,45 +1,54 @@
-"""Batches of network inputs and metric depth, from pairs in memory.
+"""Pairs in memory, downsampled, known depth drawn from them, and batches of both.
 
 A batch depends on (seed, step) only, so a resumed run gets the same ones as an unbroken one.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from depthcli.core.arrays import BoolArray, Float32Array, UInt8Array
 from depthcli.core.camera import focal_px_of_hfov
 from depthcli.core.imageops import filled_nearest
 from depthcli.core.parallel import ordered_map, usable_cores
 from depthcli.errors import DatasetError, UsageError
 from depthcli.lab.datasets.base import DepthDataset
+from depthcli.lab.datasets.prompts import WHOLE, Pattern, Prompt
 from depthcli.lab.datasets.training_data import NYU_ASPECT, NYU_HFOV_DEG
 from depthcli.lab.training.augment import Views, augment, to_network_input, view_size
-from depthcli.lab.training.config import DataConfig, PromptConfig
-from depthcli.lab.training.prompts import drawn_prompts
+from depthcli.lab.training.config import DataConfig, PromptConfig, TrainConfig
 
 # One half, less a margin for rounding.
 _LEAST_SHARE = 0.5 - 1e-5
+_STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
+_MEMORY_SHARE = 0.5  # of a GPU's free memory that pairs may take; networks need the rest
+_NOISY = 0.5  # share of prompts with noise, of those with errors
+_PART_SIDES = 0.25, 0.8  # of the part of an image that has points
 
 
 def downsample(
-    depth_m: npt.NDArray[np.float32], size: tuple[int, int]
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_] | None] | None:
-    """Downsample depth to a width and height by the mean of what was measured in each new pixel.
+    depth_m: Float32Array, size: tuple[int, int]
+) -> tuple[Float32Array, BoolArray | None] | None:
+    """Downsample depth to a width and height; the mean of what was measured in each new pixel.
 
-    Of (H, W) float32 metres with 0, NaN or infinity in holes, it is (h, w) metres, in a hole those
-    of the nearest valid pixel, and the mask of valid pixels, of whose area at least half was
-    measured, or None if all are; None if no pixel is.
+    Depth is (H, W) float32 metres, with 0, NaN or infinity in holes. A new pixel is valid if half
+    of its area was measured; the others get the depth of the nearest valid one. Returns metres and
+    mask (h, w), without a mask if all pixels are valid, and None if no pixel is.
     """
+
+    def area(values: Float32Array) -> Float32Array:
+        return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+
     valid_mask = np.isfinite(depth_m) & (depth_m > 0)
     if valid_mask.all():
-        return _area(depth_m, size), None
-    share = _area(valid_mask.astype(np.float32), size)
-    total_m = _area(np.where(valid_mask, depth_m, np.float32(0)), size)
+        return area(depth_m), None
+    share = area(valid_mask.astype(np.float32))
+    total_m = area(np.where(valid_mask, depth_m, np.float32(0)))
     measured = share >= _LEAST_SHARE
     if not measured.any():
         return None
@@ -47,16 +56,11 @@ def downsample(
     return filled_nearest(mean_m, measured), None if measured.all() else measured
 
 
-def _area(values: npt.NDArray[np.float32], size: tuple[int, int]) -> npt.NDArray[np.float32]:
-    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
-
-
 def tan_half_fov(dataset: DepthDataset, i: int, shape: tuple[int, ...]) -> tuple[float, float]:
-    """Tangents of half the angles of view of picture ``i``, across and down, for square pixels.
+    """Tangents of half the angles of view of image ``i``, across and down, for square pixels.
 
-    If its camera is not known, it is taken for the largest crop of one of NYU's pictures, in
-    landscape or portrait, as predictions do (docs/cameras.md). ``shape`` begins with the height and
-    width of the picture, or of its depth.
+    An unknown camera is that of the largest crop of one of NYU's images, in landscape or portrait,
+    as in predictions (docs/cameras.md). ``shape`` begins with height and width, of image or depth.
     """
     height, width = shape[:2]
     long_px = max(width, height, NYU_ASPECT * min(width, height))
@@ -68,16 +72,7 @@ def tan_half_fov(dataset: DepthDataset, i: int, shape: tuple[int, ...]) -> tuple
     return width / 2 / focal_px, height / 2 / focal_px
 
 
-_STORED_PER_NETWORK_PX = 2  # twice the network's size leaves detail for zooming in
-
-
-_MEMORY_SHARE = 0.5  # of a GPU's free memory that pairs may take; networks need the rest
-_Pair = tuple[
-    npt.NDArray[np.uint8],
-    npt.NDArray[np.float32],
-    npt.NDArray[np.bool_] | None,
-    list[tuple[float, float]],
-]
+_Pair = tuple[UInt8Array, Float32Array, BoolArray | None, list[tuple[float, float]]]
 
 
 class PairStore:
@@ -87,7 +82,7 @@ class PairStore:
         rgb: (N, 3, h, w) uint8.
         depth_m: (N, 1, h, w) float16 metres, exact to 5 mm below 10 m; holes are filled.
         valid_mask: (N, 1, h, w) bool, False in the holes; None if no pair has one.
-        tan_half_fov: (N, 2, 2) float64, of each picture and of its depth, which differ only in
+        tan_half_fov: (N, 2, 2) float64, of each image and of its depth, which differ only in
             unpaired data: the tangent of half the angle of view, across and down.
     """
 
@@ -127,13 +122,11 @@ class PairStore:
 
     def to(self, device: torch.device) -> Self:
         """Move the pairs to a GPU whose free memory is at least twice their size."""
-        maps = [
-            values for values in (self.rgb, self.depth_m, self.valid_mask) if values is not None
-        ]
-        size = sum(values.nbytes for values in maps)
+        names = ("rgb", "depth_m", *(["valid_mask"] if self.valid_mask is not None else []))
+        size = sum(getattr(self, name).nbytes for name in names)
         if device.type == "cuda" and _MEMORY_SHARE * torch.cuda.mem_get_info(device)[0] > size:
-            self.rgb, self.depth_m = self.rgb.to(device), self.depth_m.to(device)
-            self.valid_mask = None if self.valid_mask is None else self.valid_mask.to(device)
+            for name in names:
+                setattr(self, name, getattr(self, name).to(device))
         return self
 
     def __len__(self) -> int:
@@ -141,63 +134,106 @@ class PairStore:
 
 
 def _stored_size(shape: tuple[int, ...], data: DataConfig) -> tuple[int, int]:
-    """Width and height in memory: up to twice the network's size, at most about the picture's."""
+    """Width and height in memory: up to twice the network's size, at most about the image's."""
     most = min(_STORED_PER_NETWORK_PX, max(1.0, shape[1] / data.width, shape[0] / data.height))
     return round(data.width * most), round(data.height * most)
 
 
 def whole_images(store: PairStore, data: DataConfig, rows: Tensor) -> Tensor:
     """Network inputs (B, 1, H, W) in [-1, 1] of stored pairs (B,) int64, without augmentation."""
-    rgb = store.rgb[rows].float() / 255
-    size = (data.height, data.width)
-    gray = to_network_input(rgb, data)  # before resampling, as at inference
-    return torch.nn.functional.interpolate(gray, size=size, mode="area")
+    gray = to_network_input(store.rgb[rows].float() / 255, data)  # then resampled, as at inference
+    return torch.nn.functional.interpolate(gray, size=(data.height, data.width), mode="area")
+
+
+def drawn_prompts(views: Views, config: PromptConfig, seed: np.random.SeedSequence) -> Tensor:
+    """Known depth of each view, (B, 1, H, W) metres, 0 where nothing is known."""
+    random = np.random.default_rng(seed)
+    depth_m = views.depth_m if views.valid_mask is None else views.depth_m * views.valid_mask
+    maps = (values.float().mean(1).cpu().numpy() for values in (depth_m, views.network_input))
+    drawn = [
+        drawn_prompt(config, random).draw(map_m, gray, random)
+        for map_m, gray in zip(*maps, strict=True)
+    ]
+    return torch.from_numpy(np.stack(drawn))[:, None].to(depth_m.device)
+
+
+def drawn_prompt(config: PromptConfig, random: np.random.Generator) -> Prompt:
+    """A pattern of known depth with its errors."""
+    pattern = Pattern(config.patterns[random.integers(len(config.patterns))])
+    if pattern is Pattern.LIDAR:
+        size = config.lines[random.integers(len(config.lines))]
+    else:
+        least, most = {
+            Pattern.UNIFORM: config.points,
+            Pattern.CORNERS: config.corners,
+            Pattern.CAMERA: config.columns,
+        }[pattern]
+        size = round(_between(least, most, random))
+    range_m, part = _between(*config.range_m, random), WHOLE
+    if random.random() < config.missing:
+        width, height = random.uniform(*_PART_SIDES, 2)
+        left, top = random.random(2) * (1 - width, 1 - height)
+        part = left, top, left + width, top + height
+    if random.random() < config.exact:
+        return Prompt(pattern, size, jitter_px=config.jitter_px, part=part, range_m=range_m)
+    is_shifted = random.random() < config.shifted
+    shift_px = random.uniform(-config.shift_px, config.shift_px, 2) * is_shifted
+    return Prompt(
+        pattern,
+        size,
+        noise=random.uniform(0, config.noise) * (random.random() < _NOISY),
+        has_kinect_noise=random.random() < config.kinect,
+        wrong=config.wrong[random.integers(len(config.wrong))],
+        shift_px=(float(shift_px[0]), float(shift_px[1])),
+        jitter_px=config.jitter_px,
+        part=part,
+        range_m=range_m,
+    )
+
+
+def _between(least: float, most: float, random: np.random.Generator) -> float:
+    """A number between two, whose logarithm is uniform."""
+    return math.exp(random.uniform(math.log(least), math.log(most)))
 
 
 class TrainingBatch(NamedTuple):
     """The input of one training step."""
 
     network_input: Tensor  #: (B, 1, H, W) float32 in [-1, 1]
-    #: (B, 1, H, W) float32 metres, holes filled; of other scenes if unpaired
-    depth_m: Tensor
-    #: (B, 1, H, W) bool, False in the holes; None if there are none
-    valid_mask: Tensor | None = None
-    #: (B,) bool, True for pseudo labels; None if there are none
-    is_pseudo_label: Tensor | None = None
-    #: (B, 1, H, W) float32 metres of known depth, 0 elsewhere; None if the method takes none
-    prompt_m: Tensor | None = None
+    depth_m: Tensor  #: (B, 1, H, W) float32 metres, holes filled; of other scenes if unpaired
+    valid_mask: Tensor | None = None  #: (B, 1, H, W) bool, False in the holes; None without
+    is_pseudo_label: Tensor | None = None  #: (B,) bool; None if there are no pseudo labels
+    prompt_m: Tensor | None = None  #: (B, 1, H, W) float32 metres of known depth, 0 elsewhere
 
     def parts(self, count: int) -> list["TrainingBatch"]:
         """Up to ``count`` batches of neighbouring images, of about equal numbers."""
-        columns = ([None] * count if one is None else one.chunk(count) for one in self)
+        columns = ([None] * count if part is None else part.chunk(count) for part in self)
         return [TrainingBatch(*rows) for rows in zip(*columns, strict=False)]
 
 
 class Batches:
     """The batches of a run, by step, augmented on its device.
 
-    Of each batch, ``data.pseudo_label_share`` are pseudo labels, if there are any. An epoch is a
-    pass through ``store``, whose last incomplete batch is dropped. Of each view, known
-    depth is drawn as ``prompts`` says, if it is given.
+    An epoch is a pass through ``store`` without an incomplete last batch. Of each batch,
+    ``data.pseudo_label_share`` are pseudo labels, if there are any.
     """
 
     def __init__(
         self,
         store: PairStore,
-        data: DataConfig,
-        batch_size: int,
-        seed: int,
+        config: TrainConfig,
         device: torch.device,
         pseudo_labels: PairStore | None = None,
-        prompts: PromptConfig | None = None,
     ) -> None:
-        self.store, self.data, self.seed, self.device = store, data, seed, device
-        self.pseudo_labels, self.prompts = pseudo_labels, prompts
+        data, batch_size = config.data, config.optim.batch_size
+        self.store, self.data, self.seed, self.device = store, data, config.seed, device
+        self.prompts = config.prompt if config.generator.prompt else None
+        self.pseudo_labels = pseudo_labels
         count = round(batch_size * data.pseudo_label_share) if pseudo_labels else 0
         if pseudo_labels and not 0 < count < min(batch_size, len(pseudo_labels) + 1):
             share, have = data.pseudo_label_share, len(pseudo_labels)
-            told = f"data.pseudo_label_share={share} is {count} of {batch_size} pairs of a batch"
-            raise UsageError(told, f"it has to be at least 1, and leave pairs; there are {have}")
+            message = f"data.pseudo_label_share={share} is {count} of {batch_size} pairs of a batch"
+            raise UsageError(message, f"it has to be at least 1, and leave pairs; there are {have}")
         self._pseudo_label_count = count
         self.batch_size = min(batch_size - count, len(store))
         self.steps_per_epoch = len(store) // self.batch_size
@@ -217,9 +253,8 @@ class Batches:
             return TrainingBatch(*views, prompt_m=drawn)
         if self.pseudo_labels is None:
             return TrainingBatch(*views)
-        pseudo_label_rows = self._rows(self.pseudo_labels, step, self._pseudo_label_count, stream=4)
-        more = self._augmented(self.pseudo_labels, pseudo_label_rows, size, random)
-        return _concatenated(views, more)
+        rows = self._rows(self.pseudo_labels, step, self._pseudo_label_count, stream=4)
+        return _concatenated(views, self._augmented(self.pseudo_labels, rows, size, random))
 
     def _rows(self, store: PairStore, step: int, size: int, stream: int) -> Tensor:
         """Rows (``size``,) int64 of a step; the store is shuffled anew for each epoch."""
@@ -236,7 +271,7 @@ class Batches:
         random: torch.Generator,
         part: int = 0,
     ) -> Views:
-        """Views with the geometry of the pictures (``part`` 0) or of the depth (1)."""
+        """Views with the geometry of the images (``part`` 0) or of the depth (1)."""
         halves = store.tan_half_fov[rows, part]
         rows = rows.to(store.rgb.device)
         rgb = store.rgb.index_select(0, rows).to(self.device).float().div_(255)
@@ -245,20 +280,17 @@ class Batches:
         return augment(rgb, depth_m, self.data, random, valid_mask, size, halves)
 
 
-def _concatenated(views: Views, more: Views) -> TrainingBatch:
+def _concatenated(views: Views, labels: Views) -> TrainingBatch:
+    parts = (views, labels)
+    is_whole = views.valid_mask is None and labels.valid_mask is None
     masks = [
-        torch.ones_like(one.depth_m, dtype=torch.bool) if one.valid_mask is None else one.valid_mask
-        for one in (views, more)
+        torch.ones_like(part.depth_m) > 0 if part.valid_mask is None else part.valid_mask
+        for part in parts
     ]
-    is_whole = views.valid_mask is None and more.valid_mask is None
-    own, labels = len(views.network_input), len(more.network_input)
-    is_pseudo_label = torch.arange(own + labels) >= own
-    return TrainingBatch(
-        torch.cat([views.network_input, more.network_input]),
-        torch.cat([views.depth_m, more.depth_m]),
-        None if is_whole else torch.cat(masks),
-        is_pseudo_label.to(views.network_input.device),
-    )
+    depth_m = torch.cat([part.depth_m for part in parts])
+    is_pseudo_label = torch.arange(len(depth_m), device=depth_m.device) >= len(views.depth_m)
+    images = torch.cat([part.network_input for part in parts])
+    return TrainingBatch(images, depth_m, None if is_whole else torch.cat(masks), is_pseudo_label)
 
 
 def _stream_seed(seed: int, count: int, stream: int) -> int:

@@ -39,26 +39,17 @@ def weights_file(source: Path) -> Path:
 
 
 def settings_of(source: Path) -> dict[str, Any]:
-    """Fields of a configuration that a network with the layers of another shares with it.
-
-    Those of an exported model are there as far as its card states them.
-    """
+    """Settings that a network with the layers of another shares with it; a card may lack some."""
     path = weights_file(source)
     if _is_encoder_file(path):
         raise CheckpointError(f"{path} has weights of an encoder, not of a whole network")
     if path.suffix == ".onnx":
-        stated = find_model(path).card.training.get("config", {})
-        generator = stated.get("generator", {}) | {"norm": "none"}
-        stated = stated | {"generator": generator}
+        settings, norm = find_model(path).card.training.get("config", {}), {"norm": "none"}
     else:
-        stated = asdict(Checkpoint.load(path).config)
-    inputs = {k: v for k, v in stated.get("data", {}).items() if k in _INPUT_SETTINGS}
-    own = stated.get("generator", {})
-    return {
-        "generator": {k: v for k, v in own.items() if k != "prompt"},
-        "output": stated.get("output", {}),
-        "data": inputs,
-    }
+        settings, norm = asdict(Checkpoint.load(path).config), {}
+    generator = {k: v for k, v in settings.get("generator", {}).items() if k != "prompt"}
+    inputs = {k: v for k, v in settings.get("data", {}).items() if k in _INPUT_SETTINGS}
+    return {"generator": generator | norm, "output": settings.get("output", {}), "data": inputs}
 
 
 def load_init_weights(
@@ -67,11 +58,9 @@ def load_init_weights(
     """Load the weights of a file, or the mean of those of several, into a generator.
 
     The mean of networks fine-tuned from the same one is often better than each of them (Wortsman
-    et al. 2022, "Model soups").
-
-    For an exported model, the generator has no batch norm, which is folded into its weights. A file
-    of a pretrained encoder, or :data:`HUB`, is loaded into that of the generator. Returns the
-    provenance with the origin of the weights and, as far as known, the pairs they were trained on.
+    et al. 2022, "Model soups"). An exported model needs a generator without batch norm, which is
+    folded into its weights; a pretrained encoder (a file, or :data:`HUB`) goes into that of the
+    generator. Returns the provenance with the origin of the weights and the pairs they have seen.
     """
     origin = _origin(paths)
     if isinstance(generator, EncoderGenerator) and _is_encoder_file(paths[0]):
@@ -87,15 +76,12 @@ def load_init_weights(
     try:
         generator.load_state_dict(_mean(weights, paths))
     except RuntimeError as error:
-        told = f"{paths[0]} holds another network ({' '.join(str(error).split()[:60])})"
+        message = f"{paths[0]} holds another network ({' '.join(str(error).split()[:60])})"
         advice = "set generator.* as it was trained, with norm=none for an exported float model"
-        raise CheckpointError(told, advice) from error
-    return replace(
-        provenance,
-        init_weights=origin,
-        init_ids=merged_ids(ids),
-        encoder_weights="; ".join(dict.fromkeys(filter(None, encoders))),
-    )
+        raise CheckpointError(message, advice) from error
+    encoder = "; ".join(dict.fromkeys(filter(None, encoders)))
+    provenance = replace(provenance, init_weights=origin, init_ids=merged_ids(ids))
+    return replace(provenance, encoder_weights=encoder)
 
 
 def _is_encoder_file(path: Path) -> bool:
@@ -114,15 +100,14 @@ def _read(path: Path) -> tuple[dict[str, Tensor], PairIds, str]:
     """Weights of a file, the pairs they were trained on, and the origin of their encoder."""
     if path.suffix != ".onnx":
         generator, saved = load_generator(path)
-        found = saved.provenance
-        return dict(generator.state_dict()), found.seen_ids, found.encoder_weights
+        provenance = saved.provenance
+        return dict(generator.state_dict()), provenance.seen_ids, provenance.encoder_weights
     try:
         graph = onnx.load(path, load_external_data=False).graph
         arrays = {tensor.name: numpy_helper.to_array(tensor) for tensor in graph.initializer}
     except Exception as error:  # a file that is not ONNX can raise anything
-        raise CheckpointError(
-            f"{path} is not a complete ONNX file with embedded weights"
-        ) from error
+        message = f"{path} is not a complete ONNX file with embedded weights"
+        raise CheckpointError(message) from error
     weights = {
         name.removesuffix(_HALF): torch.from_numpy(values.astype(np.float32))
         for name, values in arrays.items()

@@ -30,7 +30,7 @@ _PROJECT = "depthcli"
 class Logger(Callback):
     """Logs every step and every validated epoch of the run in a folder.
 
-    ``MODULE``, which a tracker's extra installs, is imported as ``package``.
+    The extra ``TRACKER`` installs ``MODULE``, which is imported as ``package``.
     """
 
     TRACKER: ClassVar[Tracker]
@@ -41,17 +41,14 @@ class Logger(Callback):
         try:
             self.package: Any = import_module(self.MODULE)
         except ImportError as error:
-            told = f"the package {self.TRACKER} is missing: pip install 'depthcli[{self.TRACKER}]'"
-            raise TrainingError(told) from error
+            name = self.TRACKER
+            install = f"pip install 'depthcli[{name}]'"
+            raise TrainingError(f"the package {name} is missing: {install}") from error
         folder.mkdir(parents=True, exist_ok=True)
 
     @abstractmethod
-    def log(self, values: Mapping[str, float], step: int) -> None:
-        """Store numbers of a step by name."""
-
-    @abstractmethod
-    def log_image(self, path: Path, step: int) -> None:
-        """Store the sample images of a step, a JPEG file."""
+    def log(self, values: Mapping[str, float], step: int, samples: Path | None = None) -> None:
+        """Store numbers of a step by name, and its sample images, a JPEG file, if there are any."""
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Log the losses and the learning rate."""
@@ -63,11 +60,10 @@ class Logger(Callback):
 
     def on_epoch_end(self, state: TrainState) -> None:
         """Log the scores and sample images of an epoch that was validated."""
-        if not state.scores:
-            return
-        with write_errors(self.folder):
-            self.log({f"held_out/{name}": x for name, x in state.scores.items()}, state.step)
-            self.log_image(sample_path(self.folder, state.epoch), state.step)
+        if state.scores:
+            values = {f"held_out/{name}": value for name, value in state.scores.items()}
+            with write_errors(self.folder):
+                self.log(values, state.step, sample_path(self.folder, state.epoch))
 
 
 class TensorBoardLogger(Logger):
@@ -76,24 +72,22 @@ class TensorBoardLogger(Logger):
     TRACKER, MODULE = Tracker.TENSORBOARD, "torch.utils.tensorboard"
     _writer: Any = None
 
-    def log(self, values: Mapping[str, float], step: int) -> None:
-        """Add scalars to the event file of this run."""
-        if self._writer is None:
-            where = str(self.folder / "tensorboard")
-            self._writer = self.package.SummaryWriter(where, purge_step=step)
+    def log(self, values: Mapping[str, float], step: int, samples: Path | None = None) -> None:
+        """Add scalars and pixels to the event file of this session."""
+        folder = str(self.folder / "tensorboard")
+        self._writer = self._writer or self.package.SummaryWriter(folder, purge_step=step)
         for name, value in values.items():
             self._writer.add_scalar(name, value, step)
-
-    def log_image(self, path: Path, step: int) -> None:
-        """Add the pixels."""
-        pixels = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR_RGB)
-        self._writer.add_image("samples", pixels, step, dataformats="HWC")
-        self._writer.flush()
+        if samples:
+            data = np.frombuffer(samples.read_bytes(), np.uint8)
+            pixels = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB)
+            self._writer.add_image("samples", pixels, step, dataformats="HWC")
+            self._writer.flush()
 
     def close(self) -> None:
         """Flush and close the event file."""
-        if self._writer is not None:
-            with write_errors(self.folder):
+        with write_errors(self.folder):
+            if self._writer:
                 self._writer.close()
 
 
@@ -114,17 +108,13 @@ class WandbLogger(Logger):
                 config=dataclasses.asdict(config),
             )
         except self.package.Error as error:
-            raise TrainingError(
-                f"Weights & Biases: {error}", "log in, or set WANDB_MODE=offline"
-            ) from error
+            advice = "log in, or set WANDB_MODE=offline"
+            raise TrainingError(f"Weights & Biases: {error}", advice) from error
 
-    def log(self, values: Mapping[str, float], step: int) -> None:
-        """Log numbers under a step."""
-        self._run.log(dict(values), step=step)
-
-    def log_image(self, path: Path, step: int) -> None:
-        """Log the file."""
-        self._run.log({"samples": self.package.Image(str(path))}, step=step)
+    def log(self, values: Mapping[str, float], step: int, samples: Path | None = None) -> None:
+        """Log numbers and the file under a step."""
+        image = {"samples": self.package.Image(str(samples))} if samples else {}
+        self._run.log({**values, **image}, step=step)
 
     def close(self) -> None:
         """End the run, which sends what is left."""
@@ -132,41 +122,41 @@ class WandbLogger(Logger):
 
 
 class MlflowLogger(Logger):
-    """A run of MLflow at ``MLFLOW_TRACKING_URI``, else in ``mlflow.db`` and ``mlruns/``."""
+    """A run of MLflow at ``MLFLOW_TRACKING_URI``, else in ``mlflow.db`` and ``mlruns/``.
+
+    It uses the client, as MLflow's own functions keep the address of a first run for the next.
+    """
 
     TRACKER, MODULE = Tracker.MLFLOW, "mlflow"
 
     def __init__(self, folder: Path, config: TrainConfig) -> None:
         super().__init__(folder, config)
-        where = os.environ.get("MLFLOW_TRACKING_URI")
-        self._artifacts = None if where else (folder / "mlruns").resolve().as_uri()
-        where = where or f"sqlite:///{(folder / 'mlflow.db').resolve()}"
+        address = os.environ.get("MLFLOW_TRACKING_URI")
+        self._artifacts = None if address else (folder / "mlruns").resolve().as_uri()
+        address = address or f"sqlite:///{(folder / 'mlflow.db').resolve()}"
         try:
-            self._client = self.package.MlflowClient(where)
+            self._client = self.package.MlflowClient(address)
             self._id = _stored_id(folder / "mlflow.id", self._new_run)
             self._client.update_run(self._id, "RUNNING")
         except self.package.MlflowException as error:
             raise TrainingError(f"MLflow: {error}", "check MLFLOW_TRACKING_URI") from error
 
     def _new_run(self) -> str:
-        found = self._client.get_experiment_by_name(_PROJECT)
-        experiment = found.experiment_id if found else None
-        experiment = experiment or self._client.create_experiment(_PROJECT, self._artifacts)
-        run = self._client.create_run(experiment, run_name=self.folder.resolve().name)
+        experiment = self._client.get_experiment_by_name(_PROJECT)
+        number = experiment.experiment_id if experiment else None
+        number = number or self._client.create_experiment(_PROJECT, self._artifacts)
+        run = self._client.create_run(number, run_name=self.folder.resolve().name)
         for name, value in named_settings(self.config):
             self._client.log_param(run.info.run_id, name, value)
         return str(run.info.run_id)
 
-    def log(self, values: Mapping[str, float], step: int) -> None:
-        """Log numbers under a step."""
+    def log(self, values: Mapping[str, float], step: int, samples: Path | None = None) -> None:
+        """Log numbers under a step, and the file, whose name has the epoch."""
         metric, now_ms = self.package.entities.Metric, int(1000 * time.time())
         metrics = [metric(name, value, now_ms, step) for name, value in values.items()]
         self._client.log_batch(self._id, metrics)
-
-    def log_image(self, path: Path, step: int) -> None:
-        """Log the file, whose name has the epoch."""
-        del step
-        self._client.log_artifact(self._id, str(path), "samples")
+        if samples:
+            self._client.log_artifact(self._id, str(samples), "samples")
 
     def close(self) -> None:
         """Mark the run as ended."""
@@ -179,8 +169,6 @@ LOGGERS = {kind.TRACKER: kind for kind in (TensorBoardLogger, WandbLogger, Mlflo
 
 def _stored_id(path: Path, new: Callable[[], str]) -> str:
     """The id of the run, under which a resumed one goes on."""
-    if path.is_file():
-        return path.read_text("utf-8").strip()
-    created = new()
-    path.write_text(f"{created}\n", "utf-8")
-    return created
+    if not path.is_file():
+        path.write_text(f"{new()}\n", "utf-8")
+    return path.read_text("utf-8").strip()

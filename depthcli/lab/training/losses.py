@@ -1,4 +1,4 @@
-"""Adversarial losses: LSGAN, hinge and relativistic average LSGAN."""
+"""Losses: adversarial, contrastive (NCE, hDCE, relations), similarity, and depth against truth."""
 
 import math
 
@@ -6,13 +6,15 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
+TEMPERATURE = 0.07  #: τ of eq. 4
+SCALES = 4
+
 
 def generator_loss(gan: str, discriminator: nn.Module, *, real: Tensor, fake: Tensor) -> Tensor:
     """The generator's adversarial loss of images (B, 1, H, W) in [-1, 1]; a scalar.
 
-    ``lsgan`` is mean (D(fake) − 1)² (Mao et al. 2017), ``hinge`` mean max(0, 1 − D(fake)), with the
-    margin of the DCLGAN family, and ``ralsgan`` the discriminator's loss with real and fake
-    exchanged (Jolicoeur-Martineau 2018).
+    ``lsgan`` is mean (D(fake) − 1)² (Mao et al. 2017), ``hinge`` mean max(0, 1 − D(fake)), as in
+    DCLGAN, ``ralsgan`` the other's loss, real and fake exchanged (Jolicoeur-Martineau 2018).
     """
     if gan == "ralsgan":
         return discriminator_loss(gan, discriminator, real=fake, fake=real)
@@ -38,14 +40,8 @@ def discriminator_loss(gan: str, discriminator: nn.Module, *, real: Tensor, fake
 
 
 def full_precision(like: Tensor) -> torch.autocast:
-    """A context that disables autocast on a tensor's device.
-
-    Casting the arguments to float32 is not enough: autocast casts them back for each product.
-    """
+    """A context without autocast on a tensor's device, which would cast float32 arguments back."""
     return torch.autocast(like.device.type, enabled=False)
-
-
-TEMPERATURE = 0.07  #: τ of eq. 4
 
 
 def patch_nce(query: Tensor, key: Tensor) -> Tensor:
@@ -60,10 +56,7 @@ def patch_nce(query: Tensor, key: Tensor) -> Tensor:
 
 
 def cfl_nce(query: Tensor, key: Tensor) -> Tensor:
-    """The paired form (Andonian et al. 2021): negatives from both prediction and ground truth.
-
-    Chance level is ln(2P − 1). As :func:`patch_nce`, with keys of the paired ground truth.
-    """
+    """As :func:`patch_nce`, but paired (Andonian et al. 2021): also negatives of the prediction."""
     with full_precision(query):
         query, key = query.float(), key.detach().float()
         to_truth = torch.bmm(query, key.transpose(1, 2)) / TEMPERATURE
@@ -83,23 +76,21 @@ def _patch_cross_entropy(logits: Tensor) -> Tensor:
 def hdce(query: Tensor, key: Tensor, gamma: float) -> Tensor:
     """Mean over i of log Σ_{j≠i} exp((w_ij q_i·k_j − q_i·k_i)/τ) (Jung et al. 2022).
 
-    Decoupled: the positive is not in the sum, so the loss has no lower bound at zero. At chance
-    (q orthogonal to every key) it is ln(P − 1). As :func:`patch_nce`, with P at least 2; γ is the
-    temperature of the weights of :func:`negative_weights`.
+    Decoupled: without the positive in the sum, it has no lower bound at zero; at chance, it is
+    ln(P − 1). As :func:`patch_nce`, with P at least 2; γ is that of :func:`negative_weights`.
     """
     with full_precision(query):
         query, key = query.float(), key.detach().float()
         products = torch.bmm(query, key.transpose(1, 2))
-        own = products.diagonal(dim1=1, dim2=2).unsqueeze(2)
-        logits = (negative_weights(key, gamma) * products - own) / TEMPERATURE
+        positive = products.diagonal(dim1=1, dim2=2).unsqueeze(2)
+        logits = (negative_weights(key, gamma) * products - positive) / TEMPERATURE
         return logits.masked_fill(_diagonal_mask(key), -torch.inf).logsumexp(2).mean()
 
 
 def negative_weights(key: Tensor, gamma: float) -> Tensor:
     """w_ij: softmax over j ≠ i of k_i·k_j/γ, divided by its row's maximum, detached.
 
-    Takes unit vectors (B, P, C), fp32; returns (B, P, P) in [0, 1] with a zero diagonal. A larger γ
-    gives more uniform weights.
+    Of unit vectors (B, P, C), it is (B, P, P) in [0, 1], fp32, more uniform with a larger γ.
     """
     key = key.detach()
     relations = torch.bmm(key, key.transpose(1, 2)) / gamma
@@ -142,15 +133,11 @@ def conv_weights(network: nn.Module) -> list[Tensor]:
     return [layer.weight for layer in network.modules() if isinstance(layer, kinds)]
 
 
-SCALES = 4
-
-
 def gradient_loss(prediction: Tensor, truth: Tensor, valid_mask: Tensor | None = None) -> Tensor:
     """Mean over scales of mean |∂x e| + mean |∂y e|, with e = prediction − truth; a scalar.
 
-    Coded depth is (B, 1, H, W), with H and W at least 16, so that every scale has a difference. The
-    means are of differences between valid pixels; a pixel of a coarser scale is valid if all that
-    it covers are.
+    Coded depth is (B, 1, H, W), with H and W at least 16. Differences are those of valid pixels; a
+    pixel of a coarser scale is valid if all that it covers are.
     """
     error, terms = prediction - truth, []
     for _ in range(SCALES):
@@ -168,10 +155,9 @@ def gradient_loss(prediction: Tensor, truth: Tensor, valid_mask: Tensor | None =
 
 
 def semantic_relation(query: Tensor, key: Tensor) -> Tensor:
-    """Σ_i JSD(softmax(QQᵀ)_i ‖ softmax(KKᵀ)_i), mean over images (Jung et al. 2022).
+    """Σ_i JSD(softmax(QQᵀ)_i ‖ softmax(KKᵀ)_i), mean over images (Jung et al. 2022); fp32.
 
-    A scalar, fp32: zero if and only if all relations agree, at most P ln 2. Queries of the
-    prediction and keys of the input, which are detached here, are unit vectors (B, P, C).
+    From zero, if all relations agree, to P ln 2. Unit vectors are as in :func:`patch_nce`.
     """
     with full_precision(query):
         ours, theirs = _log_relations(query.float()), _log_relations(key.detach().float())
@@ -186,10 +172,9 @@ def _log_relations(vectors: Tensor) -> Tensor:
 
 
 def similarity(*, real_x: Tensor, fake_x: Tensor, real_y: Tensor, fake_y: Tensor) -> Tensor:
-    """Mean |m(real x) − m(fake x)| + mean |m(real y) − m(fake y)| (Han et al. 2021, SimDCL).
+    """Mean |m(real x) − m(fake x)| + mean |m(real y) − m(fake y)| (Han et al. 2021, SimDCL); fp32.
 
-    All are (B, D), one unit vector per image, of a ``SimilarityMap``. Returns a scalar, fp32; zero
-    if real and fake vectors are equal.
+    All are (B, D), one unit vector per image, of a ``SimilarityMap``.
     """
     x = F.l1_loss(fake_x.float(), real_x.float())
     return x + F.l1_loss(fake_y.float(), real_y.float())

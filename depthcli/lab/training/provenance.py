@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeAlias
@@ -43,51 +44,53 @@ class DataProvenance:
     @property
     def seen_ids(self) -> PairIds:
         """Pairs that the run or its init weights were trained on."""
-        own = _under_names(data_set(self.data), self.train_ids)
-        return merged_ids([own, self.pseudo_label_ids, self.init_ids])
+        trained = _under_names(data_set(self.data), self.train_ids)
+        return merged_ids([trained, self.pseudo_label_ids, self.init_ids])
 
 
 def provenance_of(config: TrainConfig, data: TrainingData) -> DataProvenance:
-    """Provenance of a run with random initial weights."""
+    """Provenance of a run with random initial weights; no pair that it holds out has a label."""
     train_rows, held_out = train_val_split(data.dataset, config.data)
     labels = data.pseudo_labels
-    return DataProvenance(
+    origin = DataProvenance(
         data=data.title,
         train_ids=tuple(data.dataset.ids[i] for i in train_rows),
         held_out_ids=tuple(data.dataset.ids[i] for i in held_out),
         hfov_deg=data.hfov_deg,
         aspect=data.aspect,
         fingerprint=base.data_fingerprint(data.dataset),
-        pseudo_labels=data.pseudo_labels_title,
-        pseudo_label_ids=_under_names(training_data.own_pairs_title(labels.root), labels.ids)
-        if labels
-        else {},
-        pseudo_label_fingerprint=base.data_fingerprint(labels) if labels else "",
+    )
+    if labels is None:
+        return origin
+    label_ids = _under_names(training_data.own_pairs_title(labels.root), labels.ids)
+    common = common_ids(data.title, origin.held_out_ids, label_ids)
+    if common:
+        pairs = f"{len(common)} of the held-out pairs of {data_set(data.title)}"
+        message = f"the pseudo labels contain {pairs} (first: {min(common)})"
+        advice = "remove them from {pseudo_labels}, or rename them if they are other images"
+        raise DatasetError(message, advice)
+    return dataclasses.replace(
+        origin,
+        pseudo_labels=f"{len(labels)} pseudo labels ({labels.root.resolve().name})",
+        pseudo_label_ids=label_ids,
+        pseudo_label_fingerprint=base.data_fingerprint(labels),
     )
 
 
 def train_val_split(dataset: DepthDataset, data: DataConfig) -> tuple[list[int], list[int]]:
-    """Positions of the training pairs and of the held-out ones; scenes are not split.
-
-    Data that comes with a validation part, as that of Ultralytics, is divided as it is.
-    """
+    """Positions of the pairs to train on and to hold out: whole scenes, or the data's own parts."""
     if not data.holdout_every:
         return list(range(len(dataset))), []
     parts = dataset.official_split
-    if "val" in parts:
-        train_rows = [i for i, part in enumerate(parts) if part == "train"]
-        return train_rows, [i for i, part in enumerate(parts) if part == "val"]
-    held_out = base.held_out_scenes(dataset.scenes, data.holdout_every, data.holdout_offset)
-    inside = [scene in held_out for scene in dataset.scenes]
-    train_rows = [i for i, held in enumerate(inside) if not held]
-    return train_rows, [i for i, held in enumerate(inside) if held]
+    if "val" not in parts:
+        held_out = base.held_out_scenes(dataset.scenes, data.holdout_every, data.holdout_offset)
+        parts = tuple("val" if scene in held_out else "train" for scene in dataset.scenes)
+    train_rows = [i for i, part in enumerate(parts) if part == "train"]
+    return train_rows, [i for i, part in enumerate(parts) if part == "val"]
 
 
 def data_set(title: str) -> str:
-    """The name under which the pairs of a data set are recorded, of its name in model cards.
-
-    All splits of NYU Depth v2 share one.
-    """
+    """Name of a data set in records of pairs: its title, without the split of NYU Depth v2."""
     return NYU if title.startswith(NYU) else title
 
 
@@ -99,14 +102,11 @@ def _under_names(name: str, ids: tuple[str, ...]) -> PairIds:
 
 def merged_ids(records: Iterable[Mapping[str, Sequence[str]]]) -> PairIds:
     """The union of several records of pairs by data set."""
-    found: dict[str, set[str]] = {}
-    for record in records:
-        for name, ids in record.items():
-            is_nyu = data_set(name) == NYU
-            found.setdefault(data_set(name), set()).update(
-                map(base.label_id, ids) if is_nyu else ids
-            )
-    return {name: tuple(sorted(ids)) for name, ids in found.items() if ids}
+    union = defaultdict[str, set[str]](set)
+    for title, ids in (item for record in records for item in record.items()):
+        name = data_set(title)
+        union[name].update(map(base.label_id, ids) if name == NYU else ids)
+    return {name: tuple(sorted(ids)) for name, ids in union.items() if ids}
 
 
 def ids_of_card(card: ModelCard) -> PairIds:
@@ -118,31 +118,20 @@ def ids_of_card(card: ModelCard) -> PairIds:
     return {NYU: tuple(f"{number:04d}" for number in numbers)}
 
 
-def common_ids(title: str, ids: Iterable[str], seen: Mapping[str, Sequence[str]]) -> set[str]:
+def common_ids(title: str, ids: Iterable[str], record: Mapping[str, Sequence[str]]) -> set[str]:
     """Ids of a data set's pairs that are also in a record of pairs by data set."""
     name = data_set(title)
-    own = set(map(base.label_id, ids)) if name == NYU else set(ids)
-    return own.intersection(seen.get(name, ()))
+    names = set(map(base.label_id, ids)) if name == NYU else set(ids)
+    return names.intersection(record.get(name, ()))
 
 
-def check_pseudo_labels(data: TrainingData, provenance: DataProvenance) -> None:
-    """Check that the pseudo labels have none of the pairs that the run holds out."""
-    common = common_ids(data.title, provenance.held_out_ids, provenance.pseudo_label_ids)
-    if common:
-        raise DatasetError(
-            f"the pseudo labels contain {len(common)} of the held-out pairs of "
-            f"{data_set(data.title)} (first: {min(common)})",
-            "remove them from {pseudo_labels}, or rename them if they are other images",
-        )
-
-
-def config_differences(saved: TrainConfig, given: TrainConfig) -> tuple[str, ...]:
+def config_differences(saved: TrainConfig, config: TrainConfig) -> tuple[str, ...]:
     """Each setting, by its name for ``--set``, with both of its values.
 
     >>> config_differences(TrainConfig(seed=0), TrainConfig(seed=1))
     ('seed is 0 there, 1 here',)
     """
-    return value_differences(dict(named_settings(saved)), dict(named_settings(given)))
+    return value_differences(dict(named_settings(saved)), dict(named_settings(config)))
 
 
 def named_settings(config: TrainConfig) -> Iterator[tuple[str, Any]]:
@@ -167,26 +156,26 @@ def value_differences(there: Mapping[str, object], here: Mapping[str, object]) -
     )
 
 
-def data_differences(saved: DataProvenance, given: DataProvenance) -> tuple[str, ...]:
+def data_differences(saved: DataProvenance, current: DataProvenance) -> tuple[str, ...]:
     """Differences in data and init weights, one line each; folders may have moved.
 
     A run without init weights may resume one that had them.
     """
     mismatches = []
-    if (saved.train_ids, saved.held_out_ids) != (given.train_ids, given.held_out_ids):
-        there, here = _pair_count(saved), _pair_count(given)
-        mismatches.append(f"the data set is another one ({there} there, {here} here)")
-    elif saved.fingerprint != given.fingerprint:
+    if (saved.train_ids, saved.held_out_ids) != (current.train_ids, current.held_out_ids):
+        sides = ((saved, "there"), (current, "here"))
+        counts = (
+            f"{len(data.train_ids)} pairs and {len(data.held_out_ids)} held out {side}"
+            for data, side in sides
+        )
+        mismatches.append(f"the data set is another one ({', '.join(counts)})")
+    elif saved.fingerprint != current.fingerprint:
         mismatches.append("the data set has other files or focal lengths")
-    if saved.pseudo_label_fingerprint != given.pseudo_label_fingerprint:
+    if saved.pseudo_label_fingerprint != current.pseudo_label_fingerprint:
         mismatches.append("the pseudo labels are others, or have other focal lengths")
-    compared = ("hfov_deg", "aspect", *(["init_weights"] if given.init_weights else []))
-    values = [{name: getattr(one, name) for name in compared} for one in (saved, given)]
-    return (*mismatches, *value_differences(*values))
-
-
-def _pair_count(provenance: DataProvenance) -> str:
-    return f"{len(provenance.train_ids)} pairs and {len(provenance.held_out_ids)} held out"
+    names = ("hfov_deg", "aspect", *(["init_weights"] if current.init_weights else []))
+    there, here = ({name: getattr(data, name) for name in names} for data in (saved, current))
+    return (*mismatches, *value_differences(there, here))
 
 
 def mismatch_error(path: Path, mismatches: Sequence[str]) -> CheckpointError:

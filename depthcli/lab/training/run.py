@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,26 +43,20 @@ def open_fabric(accelerator: str, precision: Precision) -> Fabric:
     try:
         return Fabric(accelerator=accelerator, devices=1, precision=precision)
     except (ImportError, MisconfigurationException, RuntimeError, ValueError) as error:
-        told = f"cannot train on {accelerator} with precision={precision} here: {error}"
-        raise UsageError(told) from error
+        message = f"cannot train on {accelerator} with precision={precision} here: {error}"
+        raise UsageError(message) from error
 
 
-def set_threads(given: int | None, folder: Path) -> None:
-    """Set torch's CPU threads: the number given, else the checkpoint's, else one per free core.
-
-    Another number would change the last digits of a resumed run.
-    """
-    saved = checkpoint.saved_checkpoint(folder) if given is None else None
+def set_threads(count: int | None, folder: Path) -> None:
+    """Set torch's CPU threads: the number given, else the checkpoint's, for equal last digits."""
+    saved = checkpoint.saved_checkpoint(folder) if count is None else None
     if saved is not None:
-        given = min(usable_cores(), saved.state.threads)
-    torch.set_num_threads(given or usable_cores())
+        count = min(usable_cores(), saved.state.threads)
+    torch.set_num_threads(count or usable_cores())
 
 
 class Run:
-    """Networks, optimizers and weight average of one run.
-
-    ``steps`` is the number of steps of the whole schedule, ``state`` how far the run has come.
-    """
+    """Networks, optimizers and weight average of a run of ``steps``, which is in ``state``."""
 
     optimizers: dict[Phase, Optimizer]
 
@@ -77,10 +72,8 @@ class Run:
         self.method.to(memory_format=layout)  # type: ignore[call-overload]
         phases = [phase for phase in self.method.phases if self.method.networks(phase)]
         optimizers = [build_optimizer(self.method, phase, config.optim) for phase in phases]
-        self.rates = {
-            phase: [group["lr"] for group in o.param_groups]
-            for phase, o in zip(phases, optimizers, strict=True)
-        }
+        rates = [[group["lr"] for group in o.param_groups] for o in optimizers]
+        self.rates = dict(zip(phases, rates, strict=True))
         self.module, *ready = fabric.setup(self.method, *optimizers)
         self.optimizers = dict(zip(phases, ready, strict=True))
         decay = config.optim.ema
@@ -124,9 +117,8 @@ class Run:
         if optim.clip_norm and phase == "generator":
             # A loss that is not finite is an error of the step, which names it; the scaler of
             # half precision skips steps whose gradients alone are not.
-            self.fabric.clip_gradients(
-                self.module, optimizer, max_norm=optim.clip_norm, error_if_nonfinite=False
-            )
+            clip = partial(self.fabric.clip_gradients, max_norm=optim.clip_norm)
+            clip(self.module, optimizer, error_if_nonfinite=False)
         optimizer.step()
 
     def save(self, path: Path) -> None:
@@ -145,12 +137,12 @@ class Run:
 
     def doubts(self, title: str) -> Iterator[str]:
         """Warnings about the held-out pairs, of the data set of this name."""
-        held_out, seen = self.provenance.held_out_ids, self.provenance.init_ids
+        held_out, init_ids = self.provenance.held_out_ids, self.provenance.init_ids
         if self.config.data.holdout_every and not held_out:
             yield "too few scenes to hold one out, so nothing is validated"
-        if common := provenance.common_ids(title, held_out, seen):
-            told = f"the init weights were trained on {len(common)} of the held-out pairs"
-            yield f"{told}, so the scores are not those of new images"
+        if common := provenance.common_ids(title, held_out, init_ids):
+            message = f"the init weights were trained on {len(common)} of the held-out pairs"
+            yield f"{message}, so the scores are not those of new images"
 
     def check_weights(self) -> None:
         """Check weights before they are saved: a finite loss can have a gradient that is not."""
@@ -172,9 +164,8 @@ class Run:
         try:
             self._load(saved)
         except (LookupError, RuntimeError, TypeError, ValueError) as error:
-            raise CheckpointError(
-                f"{path} does not fit the networks of its own configuration", "give another {out}"
-            ) from error
+            message = f"{path} does not fit the networks of its own configuration"
+            raise CheckpointError(message, "give another {out}") from error
         self.state, self.provenance = saved.state, saved.provenance
 
     def _load(self, saved: Checkpoint) -> None:
@@ -192,10 +183,10 @@ class Run:
 
 
 class WeightAverage:
-    """Exponential moving average (EMA) of a network's weights.
+    """Exponential moving average (EMA) of a network's weights, in ``network``, to evaluate.
 
-    Each update keeps the fraction ``decay`` of the average, less in the first steps, so that the
-    random initial weights have little influence. ``network`` has the average, in evaluation mode.
+    Each update keeps the fraction ``decay``, less in the first steps, so that the random initial
+    weights count little.
     """
 
     def __init__(self, network: nn.Module, decay: float) -> None:
@@ -217,50 +208,41 @@ class WeightAverage:
 def build_optimizer(method: Method, phase: Phase, optim: OptimConfig) -> Optimizer:
     """AdamW over the networks of a phase, which is Adam where nothing decays."""
     networks, heads = method.networks(phase), method.heads() if optim.head_learning_rate else []
-    body = [network for network in networks if network not in heads]
-    encoders = [network.encoder for network in body if isinstance(network, EncoderGenerator)]
-    groups = _parameter_groups([p for network in body for p in _parts(network)], optim.weight_decay)
-    for group in _parameter_groups(encoders, optim.weight_decay):
-        groups.append(group | {"lr": optim.learning_rate * optim.encoder_rate})
-    own = {"lr": optim.head_learning_rate, "betas": (optim.head_beta1, optim.head_beta2)}
     heads = [network for network in networks if network in heads]
-    groups += [group | own for group in _parameter_groups(heads, optim.weight_decay)]
+    encoders = [network.encoder for network in networks if isinstance(network, EncoderGenerator)]
+    apart = {*_weights(heads), *_weights(encoders)}
+    body = [weight for weight in _weights(networks) if weight not in apart]
+    of_encoder = {"lr": optim.learning_rate * optim.encoder_rate}
+    of_head = {"lr": optim.head_learning_rate, "betas": (optim.head_beta1, optim.head_beta2)}
+    groups: list[dict[str, Any]] = []
+    for part, options in ((body, {}), (_weights(encoders), of_encoder), (_weights(heads), of_head)):
+        kernels = [weight for weight in part if weight.ndim > 1]  # and matrices, which decay
+        others = [weight for weight in part if weight.ndim <= 1]
+        groups.append({"params": kernels, "weight_decay": optim.weight_decay, **options})
+        groups.append({"params": others, "weight_decay": 0.0, **options})
+    groups = [group for group in groups if group["params"]]
     return torch.optim.AdamW(groups, optim.learning_rate, (optim.beta1, optim.beta2))
 
 
-def _parts(network: nn.Module) -> list[nn.Module]:
-    """The network, or its parts without an encoder of timm."""
-    if not isinstance(network, EncoderGenerator):
-        return [network]
-    return [part for part in network.children() if part is not network.encoder]
-
-
-def _parameter_groups(networks: list[nn.Module], weight_decay: float) -> list[dict[str, Any]]:
-    """Kernels and matrices, which decay, and the rest, which does not."""
-    weights = [w for network in networks for w in network.parameters()]
-    groups: list[dict[str, Any]] = [
-        {"params": [w for w in weights if w.ndim > 1], "weight_decay": weight_decay},
-        {"params": [w for w in weights if w.ndim <= 1], "weight_decay": 0.0},
-    ]
-    return [group for group in groups if group["params"]]
+def _weights(networks: Sequence[nn.Module]) -> list[Tensor]:
+    return [weight for network in networks for weight in network.parameters()]
 
 
 def random_state(method: Method, device: torch.device) -> dict[str, Any]:
     """Generators of random numbers and what they chose, on the CPU, by the checkpoint's keys."""
-    accelerator = _ACCELERATORS.get(device.type)
+    accelerator, extra = _ACCELERATORS.get(device.type), method.extra_state()
     return {
         "rng": torch.get_rng_state(),
         "device_rng": accelerator.get_rng_state(device) if accelerator else None,
-        "extra": {
-            name: [image.cpu() for image in images] for name, images in method.extra_state().items()
-        },
+        "extra": {name: [image.cpu() for image in images] for name, images in extra.items()},
     }
 
 
 def load_random_state(method: Method, device: torch.device, saved: Checkpoint) -> None:
     """Restore a state of :func:`random_state`."""
+    extra = saved.extra.items()
     method.load_extra_state(
-        {name: [image.to(device) for image in images] for name, images in saved.extra.items()}
+        {name: [image.to(device) for image in images] for name, images in extra}
     )
     torch.set_rng_state(saved.rng)
     accelerator, state = _ACCELERATORS.get(device.type), saved.device_rng
@@ -302,8 +284,7 @@ def fit(
             if epoch_ends:
                 _end_epoch(run, validation, folder, losses)
             over = elapsed_s >= 60 * max_minutes or step - before.step >= max_steps
-            over = over or run.state.has_stalled(config.patience)
-            stops = over or interrupt.number is not None
+            stops = over or run.state.has_stalled(config.patience) or interrupt.number is not None
             due = epoch_ends and run.state.epoch % config.save_every == 0
             if due or stops or step == run.steps:
                 run.save(folder / checkpoint.CHECKPOINT)
@@ -323,7 +304,7 @@ def _end_epoch(
     due = epoch % run.config.validate_every == 0 or run.state.step == run.steps
     if validation and due:
         scores = validation.score(run.ema_generator, run.fabric.device)
-        run.state = run.state.scored(dict(scores.items()), run.config.monitor)
+        run.state = run.state.scored(scores, run.config.monitor)
         with write_errors(folder):
             callbacks.write_samples(folder, epoch, validation, run.ema_generator, run.fabric)
     with write_errors(folder):
@@ -340,32 +321,25 @@ def _set_up(
     init_weights: Sequence[Path],
 ) -> tuple[Run, Batches, callbacks.Validation | None]:
     """Read the pairs, build the networks, and load the folder's checkpoint if there is one."""
-    dataset, labels = data.dataset, data.pseudo_labels
+    dataset, labels, device = data.dataset, data.pseudo_labels, fabric.device
     train_rows, held_out = provenance.train_val_split(dataset, config.data)
-    found = provenance.provenance_of(config, data)
-    provenance.check_pseudo_labels(data, found)
+    origin = provenance.provenance_of(config, data)
     if config.patience and not held_out:
         raise UsageError("patience needs held-out pairs, and there are none: set patience=0")
     if labels is not None and (config.output.coding != "log" or config.method != "proposed"):
         raise UsageError("pseudo labels need the method proposed and output.coding=log")
     with write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    batches = Batches(
-        PairStore(dataset, train_rows, config.data).to(fabric.device),
-        config.data,
-        config.optim.batch_size,
-        config.seed,
-        fabric.device,
-        None
-        if labels is None
-        else PairStore(labels, range(len(labels)), config.data).to(fabric.device),
-        config.prompt if config.generator.prompt else None,
-    )
+    store = PairStore(dataset, train_rows, config.data).to(device)
+    label_store = None
+    if labels is not None:
+        label_store = PairStore(labels, range(len(labels)), config.data).to(device)
+    batches = Batches(store, config, device, label_store)
     validation = callbacks.Validation(dataset, held_out, config) if held_out else None
     run = Run(config, fabric, batches.steps_per_epoch)
-    run.provenance = found
+    run.provenance = origin
     if init_weights:
-        run.provenance = load_init_weights(run.method.generator, init_weights, found)
+        run.provenance = load_init_weights(run.method.generator, init_weights, origin)
         if run.average:
             run.average = WeightAverage(run.method.generator, config.optim.ema)
     run.resume(folder / checkpoint.CHECKPOINT)

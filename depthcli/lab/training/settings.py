@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,10 @@ from depthcli.lab.training.checkpoint import CHECKPOINT, saved_checkpoint
 from depthcli.lab.training.config import TrainConfig, check_config, updated
 from depthcli.lab.training.init_weights import settings_of
 from depthcli.lab.training.methods.registry import check_terms, default_config
-from depthcli.lab.training.presets import preset_file
+from depthcli.lab.training.methods.table import PRESETS
 from depthcli.lab.training.provenance import config_differences, mismatch_error
 
+PRESET_FOLDER = Path(__file__).parent / "presets"
 _MAX_BYTES = 2**20
 
 
@@ -29,20 +31,23 @@ def resolve_config(
 ) -> TrainConfig:
     """A method's default configuration, overridden by a preset, files and ``a.b=c`` settings.
 
-    Later ones override earlier ones. If ``folder`` has a checkpoint, its configuration is returned.
-    The method ``prompted`` takes the network of ``init``, a checkpoint or a model.
+    A folder's checkpoint has the last word. The method ``prompted`` takes the network of ``init``.
     """
     usual = default_config(method)
     if usual.generator.prompt and init is not None:
         usual = updated(usual, settings_of(init))
-    files = [preset_file(preset, method), *files] if preset else files
+    if preset and preset not in PRESETS:
+        raise UsageError(f"no preset '{preset}'; choose from {', '.join(PRESETS)}")
+    if preset and PRESETS[preset] not in ("", method):
+        raise UsageError(f"the preset {preset} is for the method {PRESETS[preset]}, not {method}")
+    files = [PRESET_FOLDER / f"{preset}.toml", *files] if preset else files
     saved = None if folder is None else saved_checkpoint(folder)
     if folder is not None and saved is not None:
         # Code to import is named by the command, never by a file alone.
         loss = replace(saved.config.loss, custom={})
         base = replace(saved.config, loss=loss)
-        given = replace(apply_overrides(base, files, settings), method=method)
-        mismatches = config_differences(saved.config, given)
+        current = replace(apply_overrides(base, files, settings), method=method)
+        mismatches = config_differences(saved.config, current)
         if mismatches:
             raise mismatch_error(folder / CHECKPOINT, mismatches)
         return saved.config
@@ -80,8 +85,5 @@ def _nested(setting: str) -> dict[str, Any]:
         value = tomllib.loads(f"value = {text}")["value"]
     except ValueError:  # text without quotes
         value = text
-    *outer, last = key.split(".", 2)  # the third is a name of loss.custom, which may have dots
-    nested: dict[str, Any] = {last: value}
-    for part in reversed(outer):
-        nested = {part: nested}
-    return nested
+    parts = key.split(".", 2)  # the third is a name of loss.custom, which may have dots
+    return reduce(lambda nested, part: {part: nested}, reversed(parts), value)

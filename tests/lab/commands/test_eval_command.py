@@ -23,7 +23,7 @@ def _depth_m(i: int) -> npt.NDArray[np.float32]:
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Eleven scenes of one pair: V of each picture is what the tiny model takes for its depth."""
+    """Eleven scenes of one pair: V of each image is what the tiny model takes for its depth."""
     root = tmp_path_factory.mktemp("nyu")
     (root / "rgb").mkdir()
     (root / "depth").mkdir()
@@ -56,7 +56,7 @@ def test_default_model_is_scored(data: Path, capsys: pytest.CaptureFixture[str])
     assert model["name"] == "tiny"
     assert model["images"] == 2
     assert len(model["model_sha256"]) == 64
-    # Eight bits in the picture are 31 mm; resizing to the network's 16×12 costs the rest.
+    # Eight bits in the image are 31 mm; resizing to the network's 16×12 costs the rest.
     assert model["scores"]["abs_rel"] < 0.03
     assert model["scores"]["abs_rel"] < rows[2]["scores"]["abs_rel"] / 3
 

@@ -75,7 +75,7 @@ def _json(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
 
 
 def _plainly(run: Path, data: Path, folder: Path) -> dict[str, float]:
-    """Two of the metrics of a run, picture by picture and pixel by pixel."""
+    """Two of the metrics of a run, image by image and pixel by pixel."""
     dataset, model = open_nyu(data), export_run(open_run(run), folder)
     pipeline = load(model, detail=UpsamplingOptions(Upsampling.BILINEAR))
     abs_rel, d1 = [], []
@@ -89,7 +89,7 @@ def _plainly(run: Path, data: Path, folder: Path) -> dict[str, float]:
     return {"abs_rel": sum(abs_rel) / len(abs_rel), "d1": sum(d1) / len(d1)}
 
 
-def test_table_equals_a_plain_loop_over_seeds_and_held_out_pictures(
+def test_table_equals_a_plain_loop_over_seeds_and_held_out_images(
     trained: Path, data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert _run(trained, data, "--json") == 0

@@ -29,12 +29,12 @@ def checkpoint(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def pictures(tmp_path: Path) -> Path:
-    """A folder of pictures to calibrate on, with a file that is none."""
-    folder = tmp_path / "pictures"
+def images(tmp_path: Path) -> Path:
+    """A folder of images to calibrate on, with a file that is none."""
+    folder = tmp_path / "images"
     for shift in range(4):
         write_picture(folder / f"{shift}.png", np.roll(synthetic_picture(), 9 * shift, axis=1))
-    (folder / "notes.txt").write_text("no picture")
+    (folder / "notes.txt").write_text("no image")
     return folder
 
 
@@ -135,13 +135,13 @@ def test_a_tolerance_that_lets_anything_pass_is_refused(
     assert not path.exists()
 
 
-def test_int8_is_small_and_close_on_pictures(
-    checkpoint: Path, pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_int8_is_small_and_close_on_images(
+    checkpoint: Path, images: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole, small = tmp_path / "whole.onnx", tmp_path / "small.onnx"
     assert main(["export-onnx", str(checkpoint), "-o", str(whole)]) == 0
     capsys.readouterr()
-    command = ["export-onnx", str(checkpoint), "-o", str(small), "--int8", str(pictures), "--json"]
+    command = ["export-onnx", str(checkpoint), "-o", str(small), "--int8", str(images), "--json"]
     assert main([*command, "--float-model", "whole"]) == 0
     assert find_model(small).card.float_model == "whole"
     done = json.loads(capsys.readouterr().out)
@@ -149,7 +149,7 @@ def test_int8_is_small_and_close_on_pictures(
     assert done["cases"] == [[1, 32, 48]]  # the card's size, at which it was calibrated
     assert _weights_of_type(small, TensorProto.INT8)
     assert small.stat().st_size < 0.6 * whole.stat().st_size
-    inputs = calibration_batches(pictures, find_model(small).card.input)
+    inputs = calibration_batches(images, find_model(small).card.input)
     apart = max(float(np.abs(_raw(small, x) - _raw(whole, x)).max()) for x in inputs)
     assert apart == pytest.approx(done["max_abs"], abs=1e-4)
     float_m, int8_m = (
@@ -160,14 +160,14 @@ def test_int8_is_small_and_close_on_pictures(
     assert 0 < np.abs(int8_m - float_m).mean() < 0.1 * np.ptp(float_m)
 
 
-def test_options_that_clash_write_nothing(checkpoint: Path, pictures: Path, tmp_path: Path) -> None:
+def test_options_that_clash_write_nothing(checkpoint: Path, images: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     path = tmp_path / "m.onnx"
     for wrong in (
         ["--int8", str(tmp_path / "empty")],
-        ["--int8", str(pictures), "--fp16"],
+        ["--int8", str(images), "--fp16"],
         ["--float-model", "float"],
-        ["--int8", str(pictures), "--float-model", "a/b"],
+        ["--int8", str(images), "--float-model", "a/b"],
         ["--license", " "],
     ):
         assert main(["export-onnx", str(checkpoint), "-o", str(path), *wrong]) == 2

@@ -24,8 +24,8 @@ def _write(path: Path, value: int, *, depth: bool, size: tuple[int, int] = (6, 8
     assert cv2.imwrite(str(path), pixels)
 
 
-def _pair(folder: Path, picture: str, value: int, depth: str, millimetres: int) -> None:
-    _write(folder / "rgb" / picture, value, depth=False)
+def _pair(folder: Path, image: str, value: int, depth: str, millimetres: int) -> None:
+    _write(folder / "rgb" / image, value, depth=False)
     _write(folder / "depth" / depth, millimetres, depth=True)
 
 
@@ -41,7 +41,7 @@ def test_subfolders_are_scenes(tmp_path: Path) -> None:
     assert [int(dataset.image(i)[0, 0, 0]) for i in range(3)] == [0, 10, 20]
 
 
-def test_predicted_depth_belongs_to_its_picture(tmp_path: Path) -> None:
+def test_predicted_depth_belongs_to_its_image(tmp_path: Path) -> None:
     _write(tmp_path / "rgb" / "hall" / "a.png", 10, depth=False)
     _write(tmp_path / "depth" / "hall" / "a.depth.png", 2000, depth=True)
     dataset = open_paired_folder(tmp_path)

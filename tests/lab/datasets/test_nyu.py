@@ -68,7 +68,7 @@ def _index(change: Callable[[list[str]], list[str]]) -> Callable[[Path], object]
     )
 
 
-def _picture(name: str, pixels: np.ndarray) -> Callable[[Path], object]:
+def _image(name: str, pixels: np.ndarray) -> Callable[[Path], object]:
     return lambda root: cv2.imwrite(str(root / name), pixels)
 
 
@@ -100,14 +100,14 @@ BROKEN: dict[str, Callable[[Path], object]] = {
     "doubled index": _index(lambda lines: [*lines, lines[-1]]),
     "index without column": _text("index.csv", "id,scene\n0000,a\n"),
     "index with other part": _text("index.csv", "id,scene,official_split\n0000,a,val\n"),
-    "8-bit depth": _picture("depth/0003.png", np.full((12, 16), 200, np.uint8)),
-    "colour depth": _picture("depth/0003.png", np.full((12, 16, 3), 2000, np.uint16)),
-    "depth is no PNG": _text("depth/0001.png", "not a picture at all, really"),
+    "8-bit depth": _image("depth/0003.png", np.full((12, 16), 200, np.uint8)),
+    "colour depth": _image("depth/0003.png", np.full((12, 16, 3), 2000, np.uint16)),
+    "depth is no PNG": _text("depth/0001.png", "not an image at all, really"),
     "metres × 256": _rescale(256),
     "metres × 5000": _rescale(5000),
-    "other size": _picture("rgb/0000.png", np.zeros((6, 9, 3), np.uint8)),
+    "other size": _image("rgb/0000.png", np.zeros((6, 9, 3), np.uint8)),
     "image is no image": _text("rgb/0000.png", "no"),
-    "two pictures of one name": lambda root: shutil.copy(
+    "two images of one name": lambda root: shutil.copy(
         root / "rgb" / "0002.png", root / "rgb" / "0002.jpg"
     ),
 }

@@ -199,9 +199,9 @@ def _fill(folder: Path, images: list[str], depths: list[str]) -> Path:
         for number, name in enumerate(names):
             file = folder / kind / f"{name}.png"
             file.parent.mkdir(parents=True, exist_ok=True)
-            picture = np.full((6, 8, 3), number, np.uint8)
+            image = np.full((6, 8, 3), number, np.uint8)
             depth = np.full((4, 4) if name[0] == "z" else (6, 8), 1000 + number, np.uint16)
-            assert cv2.imwrite(str(file), picture if kind == "rgb" else depth)
+            assert cv2.imwrite(str(file), image if kind == "rgb" else depth)
     return folder
 
 

@@ -19,20 +19,20 @@ from depthcli.lab.evaluation.evaluate import scene_interval
 WIDTH, HEIGHT, HFOV_DEG = 160, 120, 60.0
 FOCAL_PX = focal_px_of_hfov(HFOV_DEG, WIDTH)
 FACTORS = {"hall/a": 1.0, "hall/b": 2.0, "yard/c": 0.5}
-"""How many times the focal length that the model learned took each picture."""
+"""How many times the focal length that the model learned took each image."""
 
 
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
-    """What the tiny model says of each picture, if it were of its own camera, times the factor."""
+    """What the tiny model says of each image, if it were of its own camera, times the factor."""
     rows = np.linspace(0, 1, HEIGHT, dtype=np.float32)[:, None]
     value = np.round(255 * (0.1 + 0.3 * rows) * np.ones((1, WIDTH), np.float32)).astype(np.uint8)
     lines = ["id,focal_px"]
     for name, factor in FACTORS.items():
-        picture, depth = tmp_path / f"own/rgb/{name}.png", tmp_path / f"own/depth/{name}.png"
-        for file in (picture, depth):
+        image, depth = tmp_path / f"own/rgb/{name}.png", tmp_path / f"own/depth/{name}.png"
+        for file in (image, depth):
             file.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(picture), np.dstack([value] * 3))
+        cv2.imwrite(str(image), np.dstack([value] * 3))
         depth_m = (1 + 8 * value.astype(np.float32) / 255) * factor
         cv2.imwrite(str(depth), np.round(depth_m * 1000).astype(np.uint16))
         lines.append(f"{name},{FOCAL_PX * factor}")
@@ -42,7 +42,7 @@ def data(tmp_path: Path) -> Path:
 
 
 def _millimetres(data: Path) -> dict[str, Any]:
-    """The depth of each picture; makes folders for files of another tool."""
+    """The depth of each image; makes folders for files of another tool."""
     for name in FACTORS:
         (data.parent / "files" / name).parent.mkdir(parents=True, exist_ok=True)
     depths = (cv2.imread(str(data / f"depth/{name}.png"), cv2.IMREAD_UNCHANGED) for name in FACTORS)
@@ -319,7 +319,7 @@ def test_model_trained_on_these_is_marked(data: Path, capsys: pytest.CaptureFixt
 
 
 def test_exif_focal_length_scales_depth(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """As predict does: pictures of a phone state it, and a folder of them has no cameras.csv."""
+    """As predict does: images of a phone state it, and a folder of them has no cameras.csv."""
     (data / "cameras.csv").unlink()
     for name, factor in FACTORS.items():
         exif = Image.Exif()

@@ -6,7 +6,7 @@ from helpers.small_set import HEIGHT, WIDTH, noisy, small_set
 from depthcli.core.options import AUTO_TILE, Upsampling
 from depthcli.core.types import DepthMap
 from depthcli.errors import DatasetError
-from depthcli.lab.evaluation.protocol import EvalProtocol
+from depthcli.lab.evaluation.protocol import HEADLINE, EvalProtocol
 from depthcli.lab.metrics.depth import PixelSums
 from depthcli.lab.options import Alignment, Averaging, Crop, Mask
 
@@ -119,4 +119,4 @@ def test_infinity_is_the_maximum_after_alignment_whatever_the_size(alignment: Al
 )
 def test_no_variant_passes_for_the_headline(variant: EvalProtocol, name: str) -> None:
     assert variant.name == name
-    assert not variant.is_headline
+    assert variant != HEADLINE

@@ -14,17 +14,16 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import UsageError
 from depthcli.io.formats.preview import PreviewWriter, contact_sheet
 from depthcli.lab.datasets.base import ALL_PAIRS, Split, SplitName
-from depthcli.lab.evaluation.figures import Figure, choose_pictures, draw_figures
+from depthcli.lab.evaluation.figures import Figure, choose_images, draw_figures
 from depthcli.lab.evaluation.page import Page, html_page, report_page
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.evaluation.report import EvalReport, ImageScores, ReportRow, Source
 from depthcli.lab.evaluation.task import EvalTask
-from depthcli.lab.metrics.boundary import BoundaryScores
-from depthcli.lab.metrics.depth import Scores
 from depthcli.lab.options import Alignment
 
-SCORES = Scores((0.125, 0.0625, 0.5, 0.25, 0.1, 0.75, 0.875, 1.0, 12.345))
-EDGES = BoundaryScores(1.5, 2.255, 0.5)
+NAMES = ("abs_rel", "sq_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3", "silog")
+SCORES = dict(zip(NAMES, (0.125, 0.0625, 0.5, 0.25, 0.1, 0.75, 0.875, 1.0, 12.345), strict=True))
+SCORES |= {"dbe_acc": 1.5, "dbe_comp": 2.255, "edge_f1": 0.5}
 MODEL = ReportRow(
     "a\nb",
     Source.MODEL,
@@ -34,13 +33,12 @@ MODEL = ReportRow(
     empty_count=1,
     note="a\nb was trained on 1",
     model_sha256="ab12",
-    images=(ImageScores("0001", SCORES, EDGES), ImageScores("0002", Scores.of())),
-    boundary=EDGES,
+    images=(ImageScores("0001", SCORES), ImageScores("0002", {})),
     train_overlap=1,
     stated="metric, m",
     pixel_count=900,
 )
-PRINTED = ReportRow("CUT (paper)", Source.PUBLISHED, None, 449, Scores.of(abs_rel=0.345))
+PRINTED = ReportRow("CUT (paper)", Source.PUBLISHED, None, 449, {"abs_rel": 0.345})
 REPORT = EvalReport(
     dataset="rooms",
     split="paper",
@@ -70,9 +68,6 @@ CUT (paper),published,,rooms,paper,449,-,,,headline,0.345,,,,,,,,,,,
 "a
 b",model,median,rooms,paper,2,"metric, m",900,1,headline,0.125,0.0625,0.5,0.25,0.1,0.75,0.875,1.0,12.345,1.5,2.255,0.5
 """  # noqa: E501
-NAMES = ("abs_rel", "sq_rel", "rmse", "rms_log", "log10", "d1", "d2", "d3", "silog")
-EDGES_JSON = {"dbe_acc": 1.5, "dbe_comp": 2.255, "edge_f1": 0.5}
-SCORES_JSON = dict(zip(NAMES, SCORES.values, strict=True)) | EDGES_JSON
 
 
 def test_text() -> None:
@@ -134,11 +129,11 @@ def test_json() -> None:
                 "images_without_valid_pixel": 1,
                 "depth": "metric, m",
                 "pixels": 900,
-                "scores": SCORES_JSON,
+                "scores": SCORES,
                 "images_trained_on": 1,
                 "note": "a\nb was trained on 1",
                 "model_sha256": "ab12",
-                "per_image": [{"id": "0001"} | SCORES_JSON, {"id": "0002"} | dict.fromkeys(NAMES)],
+                "per_image": [{"id": "0001"} | SCORES, {"id": "0002"} | dict.fromkeys(NAMES)],
             },
         ],
         "notes": ["a note"],
@@ -177,20 +172,20 @@ def _cell(sheet: np.ndarray, row: int, column: int) -> np.ndarray:
     return sheet[top : top + CELL[1], left : left + CELL[0]].astype(int)
 
 
-def test_pictures_are_spread_over_the_scenes() -> None:
+def test_images_are_spread_over_the_scenes() -> None:
     scenes = [f"kitchen_{i:04d}" for i in range(9)] + ["living_room_0001a", "office_0003"]
     task = _task(scenes)
-    assert choose_pictures(task, (), 2) == (2, 8)
-    assert choose_pictures(task, (), 100) == tuple(range(len(scenes)))
-    assert len(choose_pictures(task)) == 6
-    assert choose_pictures(_task(["b", "a", "b", "a"]), (), 2) == (0, 3)
+    assert choose_images(task, (), 2) == (2, 8)
+    assert choose_images(task, (), 100) == tuple(range(len(scenes)))
+    assert len(choose_images(task)) == 6
+    assert choose_images(_task(["b", "a", "b", "a"]), (), 2) == (0, 3)
 
 
-def test_named_pictures_keep_their_order_and_must_be_compared() -> None:
+def test_named_images_keep_their_order_and_must_be_compared() -> None:
     task = _task(["a_1", "b_1", "c_1"])
-    assert choose_pictures(task, ["0002", "0000"]) == (2, 0)
+    assert choose_images(task, ["0002", "0000"]) == (2, 0)
     with pytest.raises(UsageError):
-        choose_pictures(task, ["0009"])
+        choose_images(task, ["0009"])
 
 
 def test_depth_without_metres_is_fitted_before_it_is_shown() -> None:
@@ -216,7 +211,7 @@ def test_holes_of_the_truth_are_no_depth() -> None:
 
 
 class _Coloured(SmallSet):
-    """Pictures of random colours."""
+    """Images of random colours."""
 
     def image(self, i: int) -> np.ndarray:
         shape = (*self.depths_m.shape[1:], 3)
@@ -236,7 +231,7 @@ def test_every_cell_is_a_preview_in_the_range_of_its_rows_truth() -> None:
     gray, coloured = draw_figures(
         replace(task, dataset=dataset), (1, 0), [("a", metric), ("b", other)], watched
     )
-    assert watched.stages == {"drawing pictures": (2, 2)}
+    assert watched.stages == {"drawing images": (2, 2)}
     for row, i in enumerate((1, 0)):
         truth_m = dataset.depths_m[i]
         known = truth_m > 0
@@ -247,16 +242,16 @@ def test_every_cell_is_a_preview_in_the_range_of_its_rows_truth() -> None:
         fitted[known] = 1 / np.polyval(fit, sized[known])
         shown[known] = truth_m[known]
         maps = [DepthMap(values) for values in (metric.maps[dataset.ids[i]], fitted, shown)]
-        picture = np.repeat(dataset.image(i).max(2)[..., None], 3, 2)
+        image = np.repeat(dataset.image(i).max(2)[..., None], 3, 2)
         for sheet, colormap in ((_pixels(gray), "gray"), (_pixels(coloured), "inferno")):
-            assert np.array_equal(_cell(sheet, row, 0), picture)
+            assert np.array_equal(_cell(sheet, row, 0), image)
             writer = PreviewWriter(colormap=colormap, vmin=float(near), vmax=float(far))
             for column, depth in enumerate(maps, 1):
                 cell = _cell(sheet, row, column)
                 assert np.abs(cell - writer.render(depth).astype(int)).max() <= 3 * (column == 2)
 
 
-def test_sheet_has_titles_over_its_columns_and_pictures_where_they_belong() -> None:
+def test_sheet_has_titles_over_its_columns_and_images_where_they_belong() -> None:
     black, blue = np.zeros((40, 60, 3), np.uint8), np.full((40, 50, 3), (0, 0, 255), np.uint8)
     sheet = contact_sheet([[black, blue], [blue, black]], ["one", "Überlänge " * 9])
     assert sheet.shape == (TITLE + 2 * 40 + 2 * GAP, 2 * 60 + 3 * GAP, 3)

@@ -28,7 +28,7 @@ from depthcli.lab.evaluation.predictors import ModelPredictor, open_model
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.evaluation.report import PUBLISHED, EvalReport, ImageScores, ReportRow, Source
 from depthcli.lab.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
-from depthcli.lab.metrics.depth import METRICS, Scores
+from depthcli.lab.metrics.depth import METRICS, in_full
 from depthcli.lab.options import Alignment, Averaging
 from depthcli.lab.training.config import DataConfig, OptimConfig, TrainConfig
 from depthcli.lab.training.provenance import DataProvenance, TrainedRun, TrainState
@@ -57,7 +57,7 @@ LONGER = _run("x", replace(RUN, state=TrainState(step=60, epoch=3, seconds=150))
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory: pytest.TempPathFactory) -> list[ModelPredictor]:
-    """In no order; each says one depth of every picture, give or take the picture's grey."""
+    """In no order; each says one depth of every image, give or take the image's grey."""
     runs = {
         "zeta": (_run("zeta"), 1.0),
         "proposed-seed1": (_run("proposed-seed1", LONGER, 1, paired=True), 2.0),
@@ -83,7 +83,7 @@ def _report(
     return evaluate(task, models, EvalOptions(PROTOCOL, alignments or (NONE,), **more))
 
 
-def test_pictures_are_those_that_the_runs_held_out(task: EvalTask) -> None:
+def test_images_are_those_that_the_runs_held_out(task: EvalTask) -> None:
     assert task.ids == ("0005", "0001")
     assert task.split == Split(SplitName.VAL, (2, 3, 4), (5, 1), 3, 2)
 
@@ -151,7 +151,7 @@ def test_every_fact_of_the_training_is_shown(task: EvalTask, models: list[ModelP
     (proposed,) = (line for line in report.rows if line.name == "proposed")
     known = ["model", "none", "NYU Depth v2", "val", "2", "metric, m", str(proposed.pixel_count)]
     known += ["", PROTOCOL.name]
-    numbers = [*proposed.scores.values, *proposed.std.values]
+    numbers = [*proposed.scores.values(), *proposed.std.values()]
     assert records["proposed"] == ["proposed", *known, *costs, *map(repr, numbers)]
     assert records["cut"][-9:] == [""] * 9
     assert records["CUT (paper)"][:18] == [
@@ -317,7 +317,7 @@ def test_every_digit_follows_from_the_scores() -> None:
     )
 
 
-def test_pictures_without_a_score_are_left_out() -> None:
+def test_images_without_a_score_are_left_out() -> None:
     values = np.array([0.1, math.nan, 0.3])
     assert scene_interval(values, ["a", "b", "c"]).mean == pytest.approx(0.2)
     none = scene_interval(np.full(3, math.nan), ["a", "b", "c"])
@@ -326,14 +326,12 @@ def test_pictures_without_a_score_are_left_out() -> None:
 
 
 def _row(name: str, abs_rel: list[float], alignment: Alignment = Alignment.NONE) -> ReportRow:
-    images = tuple(
-        ImageScores(f"{i:04}", Scores.of(abs_rel=value)) for i, value in enumerate(abs_rel)
-    )
-    mean = Scores.of(abs_rel=sum(abs_rel) / len(abs_rel))
+    images = tuple(ImageScores(f"{i:04}", {"abs_rel": x}) for i, x in enumerate(abs_rel))
+    mean = {"abs_rel": sum(abs_rel) / len(abs_rel)}
     return ReportRow(name, Source.MODEL, alignment, len(images), mean, images=images)
 
 
-def test_rows_are_compared_picture_by_picture_with_seeds_averaged() -> None:
+def test_rows_are_compared_image_by_image_with_seeds_averaged() -> None:
     groups = {
         "mean": [_row("mean", [0.5, 0.5, 0.5])],
         "ours": [_row("ours-seed0", [0.1, 0.4, 0.4]), _row("ours-seed1", [0.3, 0.2, 0.4])],
@@ -351,7 +349,7 @@ def test_rows_are_compared_picture_by_picture_with_seeds_averaged() -> None:
 def test_scenes_without_a_score_are_not_counted() -> None:
     groups = {}
     for name, value in (("mean", 0.5), ("ours", 0.4)):
-        row, nothing = _row(name, [value] * 3), ImageScores("0001", Scores.of())
+        row, nothing = _row(name, [value] * 3), ImageScores("0001", in_full({}))
         groups[name] = [replace(row, images=(row.images[0], nothing, row.images[2]))]
     (found,) = differences_from("ours", groups, {"0000": "a", "0001": "b", "0002": "c"})
     assert found.scene_count == 2

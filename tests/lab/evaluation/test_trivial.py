@@ -130,7 +130,7 @@ def test_rows_are_of_the_images_that_both_have(tmp_path: Path) -> None:
     fewer = evaluate(TASK.subsampled(5), [A, B], replace(OPTIONS, against="a"))
     assert found.image_count == 5
     for row, wanted in zip(found.rows, fewer.rows, strict=True):
-        assert row.scores.values == pytest.approx(wanted.scores.values)
+        assert row.scores == pytest.approx(wanted.scores)
     means = [interval.mean for interval in found.differences[0].intervals]
     assert means == pytest.approx([i.mean for i in fewer.differences[0].intervals])
 

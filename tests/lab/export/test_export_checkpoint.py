@@ -43,7 +43,7 @@ def test_onnx_file_alone_is_enough(tmp_path: Path, checkpoint: Path) -> None:
 def test_models_in_one_folder_keep_their_own_cards(tmp_path: Path, checkpoint: Path) -> None:
     for name in ("one", "two"):
         half = name == "two"
-        export_checkpoint(checkpoint, tmp_path / f"{name}.onnx", ExportOptions(name, half=half))
+        export_checkpoint(checkpoint, tmp_path / f"{name}.onnx", ExportOptions(name, fp16=half))
     assert [find_model(tmp_path / f"{n}.onnx").card.name for n in ("one", "two")] == ["one", "two"]
     assert card_path(Path("a/model.onnx")) == Path("a/card.json")
 
@@ -72,7 +72,7 @@ def test_gate_leaves_an_older_model_in_place(tmp_path: Path, checkpoint: Path) -
     export_checkpoint(checkpoint, path, ExportOptions())
     before = path.read_bytes()
     with pytest.raises(ParityError):
-        export_checkpoint(checkpoint, path, ExportOptions(half=True, tolerance=1e-6))
+        export_checkpoint(checkpoint, path, ExportOptions(fp16=True, tolerance=1e-6))
     assert path.read_bytes() == before
     assert find_model(path).sha256 == hashlib.sha256(before).hexdigest()
 
@@ -121,7 +121,7 @@ def test_a_card_is_what_the_run_was(tmp_path: Path) -> None:
     facts = {"pseudo_labels": "rooms", "init_weights": "fast 1.0.0", "train_ids": ids}
     facts |= {"held_out_ids": ("0005",)}
     scores = {"abs_rel": 0.123456, "rmse": float("nan")}
-    options = ExportOptions("room", "2.1.0", opset=18, license="CC0-1.0")
+    options = ExportOptions("room", "2.1.0", opset=18, license_name="CC0-1.0")
     card = _card(tmp_path, options, **facts, seconds=3599.0, scores=scores)
     config = dataclasses.asdict(Checkpoint.load(tmp_path / "last.ckpt").config)
     codec = card.output.codec
@@ -214,8 +214,8 @@ def test_scores_are_of_the_network_that_was_validated(tmp_path: Path) -> None:
     scores = {"abs_rel": 0.25}
     for options, facts in (
         (ExportOptions(), {"validation": scores}),
-        (ExportOptions(half=True), {"validation": scores, "precision": "float16"}),
-        (ExportOptions(int8_pictures=tmp_path), {"validation": {}, "precision": "int8"}),
+        (ExportOptions(fp16=True), {"validation": scores, "precision": "float16"}),
+        (ExportOptions(int8=tmp_path), {"validation": {}, "precision": "int8"}),
     ):
         training = _card(tmp_path, options).training
         names = training.keys() & {"validation", "precision"}
@@ -238,14 +238,14 @@ def test_linear_depth_has_no_smallest_value_of_log_depth(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("known", [None, 80.0])
 def test_the_camera_is_the_one_that_is_said(tmp_path: Path, known: float | None) -> None:
-    camera = _card(tmp_path, ExportOptions(hfov_deg=80.0), hfov_deg=known).camera
+    camera = _card(tmp_path, ExportOptions(hfov=80.0), hfov_deg=known).camera
     assert camera.hfov_deg == 80
 
 
 def test_a_camera_that_is_known_is_not_contradicted(tmp_path: Path) -> None:
     """Depth has been scaled to it; the user's own lens would be applied twice."""
     with pytest.raises(UsageError):
-        _card(tmp_path, ExportOptions(hfov_deg=80.0), hfov_deg=63.3)
+        _card(tmp_path, ExportOptions(hfov=80.0), hfov_deg=63.3)
 
 
 @pytest.mark.parametrize(
@@ -254,7 +254,7 @@ def test_a_camera_that_is_known_is_not_contradicted(tmp_path: Path) -> None:
 def test_a_card_keeps_the_pixels_that_the_network_learned(
     tmp_path: Path, aspect: float, pixel_aspect: float
 ) -> None:
-    """Pictures of any aspect were stretched to 48 x 32."""
+    """Images of any aspect were stretched to 48 x 32."""
     spec = _card(tmp_path, aspect=aspect).input
     assert (spec.fit, spec.pixel_aspect) == ("keep-aspect", pytest.approx(pixel_aspect, abs=1e-9))
     place = input_layout(spec, round(480 * aspect), 480)

@@ -161,7 +161,7 @@ class _SizeBakedIn(nn.Module):
 
 
 class _FirstImageOnly(nn.Module):
-    """Wrong for the second picture of a batch alone."""
+    """Wrong for the second image of a batch alone."""
 
     def forward(self, x: Tensor) -> Tensor:
         return torch.cat([x[:1], x[1:] + 0.5])

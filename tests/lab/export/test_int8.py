@@ -24,6 +24,7 @@ from depthcli.lab.export.int8 import (
     quantize,
     with_own_weights,
 )
+from depthcli.lab.training.config import GeneratorConfig
 from depthcli.lab.training.networks.efficient import EfficientGenerator
 from depthcli.lab.training.networks.prompted import PromptedGenerator
 from depthcli.models.card import Colour, Fit, InputSpec
@@ -40,12 +41,17 @@ def _run(model: onnx.ModelProto, image: Float32Array) -> Float32Array:
 SPEC = InputSpec(Colour.VALUE, 64, 48, True, 4, Fit.STRETCH, (0.5,), (0.5,))
 
 
+def _efficient(width: int) -> EfficientGenerator:
+    config = GeneratorConfig(encoder=(width,) * 5, decoder=(width,) * 4, depths=(1,) * 4)
+    return EfficientGenerator(config).eval()
+
+
 def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
     for shift in range(4):
         pixels = np.roll(synthetic_picture(), 9 * shift, axis=1)
         write_picture(tmp_path / f"{shift}.png", pixels)
-    (tmp_path / "notes.txt").write_text("no picture")
-    network = EfficientGenerator((32,) * 5, (32,) * 4, (1,) * 4, 0.0, norm=True).eval()
+    (tmp_path / "notes.txt").write_text("no image")
+    network = _efficient(32)
     network.head.weight.data.normal_(0, 0.1)
     model = build_graph(network)
     batches = calibration_batches(tmp_path, SPEC)
@@ -117,7 +123,7 @@ def test_int8_network_for_known_depth_computes_nothing_that_its_output_does_not_
     tmp_path: Path,
 ) -> None:
     write_picture(tmp_path / "0.png", synthetic_picture())
-    base = EfficientGenerator((16,) * 5, (16,) * 4, (1,) * 4, 0.0, norm=True).eval()
+    base = _efficient(16)
     base.head.weight.data.normal_(0, 0.1)
     network = PromptedGenerator(base, (8, 8, 8, 8)).eval()
     batches = calibration_batches(tmp_path, SPEC)
@@ -133,7 +139,7 @@ def test_int8_network_for_known_depth_computes_nothing_that_its_output_does_not_
 
 
 @pytest.mark.parametrize("count", [1, 64, 65, 127, 200])
-def test_calibration_is_spread_over_all_pictures(tmp_path: Path, count: int) -> None:
+def test_calibration_is_spread_over_all_images(tmp_path: Path, count: int) -> None:
     for number in range(count):
         write_picture(tmp_path / f"{number:03}.png", np.full((48, 64, 3), number, np.uint8))
     seen = [round((batch.mean() + 1) * 127.5) for batch in calibration_batches(tmp_path, SPEC)]

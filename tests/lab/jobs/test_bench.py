@@ -1,7 +1,8 @@
-"""Benchmarks of a model."""
+"""Benchmarks of a model, and latencies that are measured in turn."""
 
 import sys
 import time
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from helpers.tiny import known_depth_onnx, load, write_model
 from depthcli.core.types import Frame
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.session import Session
 from depthcli.io.images.read import read_image
 from depthcli.lab.jobs import bench
 
@@ -32,7 +34,7 @@ class Slow(Pipeline):
 
 def test_throughput_is_that_of_workers_that_take_turns(model_folder: Path, tmp_path: Path) -> None:
     slow = Slow(load(model_folder, provider="cpu", threads=1).session)
-    rate = bench.throughput(slow, bench.synthetic_picture(64, 48), tmp_path, workers=2, seconds=0)
+    rate = bench.throughput(slow, bench.synthetic_image(64, 48), tmp_path, workers=2, seconds=0)
     assert slow.count == 9
     # The last of nine images by two workers ends four turns after the first.
     assert 0 < rate <= 8 / (3 * SLEEP_S)
@@ -51,12 +53,43 @@ def test_peak_memory_is_that_of_the_system() -> None:
 
 
 @pytest.mark.parametrize("size", [(640, 480), (1, 1), (301, 7)])
-def test_synthetic_picture_resembles_a_photograph(size: tuple[int, int]) -> None:
-    data = bench.synthetic_picture(*size)
+def test_synthetic_image_resembles_a_photograph(size: tuple[int, int]) -> None:
+    data = bench.synthetic_image(*size)
     frame = read_image(None, data)
     assert (frame.width, frame.height) == size
     if size == (640, 480):
         detail = cv2.Laplacian(frame.pixels.astype(np.float32), cv2.CV_32F)
-        # The figures of two versions are of the same picture.
+        # The figures of two versions are of the same image.
         found = (frame.pixels.mean(), frame.pixels.std(), detail.std(), len(data))
         assert found == pytest.approx((131.4, 50.0, 15.1, 70_700), rel=1e-2)
+
+
+def test_first_run_of_each_turn_is_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    called: list[int] = []
+    taken_s = iter([0.004, 0.001, 0.005, 0.003, 0.002])
+    monkeypatch.setattr(bench, "_elapsed_s", lambda action: action() or next(taken_s))
+    (found,) = bench.measure_latencies([lambda: called.append(1)], seconds=0)
+    assert (found.runs, len(called)) == (5, 8)
+    assert found.median_ms == pytest.approx(3)
+    assert found.min_ms == pytest.approx(1)
+    assert found.noise == pytest.approx((4.5 - 1.5) / 2 / 3)  # the middle half of the five
+
+
+def test_models_take_turns_at_their_sizes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[int, ...]] = []
+    run = Session.run
+
+    def noted(self: Session, batch: np.ndarray) -> np.ndarray:
+        seen.append(batch.shape)
+        assert -1 <= batch.min() < 0 < batch.max() <= 1
+        return run(self, batch)
+
+    monkeypatch.setattr(Session, "run", noted)
+    sizes = {"a": {}, "b": {"input__colour": "rgb", "input__width": 32}}
+    pipelines = [load(write_model(tmp_path / name, **size)) for name, size in sizes.items()]
+    runs = [bench.network_run(pipeline) for pipeline in pipelines]
+    found = bench.measure_latencies(runs, seconds=0)
+    assert all(0 < one.median_ms < 1000 for one in found)
+    turns = [shape for shape, _ in groupby(seen)]
+    assert turns == [(1, 1, 12, 16), (1, 3, 12, 32)] * 3
+    assert len(seen) == sum(3 + one.runs for one in found)

@@ -27,7 +27,7 @@ def _pairs(count: int, *, noise: bool = True) -> tuple[Tensor, Tensor]:
 
 
 def _flipped(gray: Tensor) -> Tensor:
-    """Which pictures were mirrored: they get darker to the right."""
+    """Which images were mirrored: they get darker to the right."""
     return gray[..., 0].mean((1, 2)) > gray[..., -1].mean((1, 2))
 
 
@@ -44,14 +44,14 @@ def test_without_strengths_there_are_whole_pictures_and_mirrored_ones() -> None:
         torch.testing.assert_close((gray[i : i + 1] + 1) / 2, (wanted - 1) / 4)
 
 
-def test_picture_and_depth_keep_the_same_geometry() -> None:
+def test_image_and_depth_keep_the_same_geometry() -> None:
     rgb, depth_m = _pairs(40)
     gray, seen_m, _ = augment(rgb, depth_m, FREE_OF_LIGHT, seeded(1))
     zoom = (1 + 4 * (gray + 1) / 2) / seen_m
     spread = zoom.amax((1, 2, 3)) - zoom.amin((1, 2, 3))
-    assert float(spread.max()) < 1e-4  # one zoom everywhere in a picture
+    assert float(spread.max()) < 1e-4  # one zoom everywhere in an image
     zooms = zoom.mean((1, 2, 3))
-    assert 0.1 < float((zooms < 1.0001).float().mean()) < 0.5  # whole pictures stay among them
+    assert 0.1 < float((zooms < 1.0001).float().mean()) < 0.5  # whole images stay among them
     assert float(zooms.min()) > 0.9999
     assert 1.6 < float(zooms.max()) <= 2.0001
 
@@ -78,7 +78,7 @@ def test_rotation_turns_pixels_by_degrees_at_any_aspect() -> None:
     degrees = torch.rad2deg(torch.atan(along_y / along_x)).abs()
     assert float(degrees.max()) <= 10.01
     assert float(degrees.max()) > 7
-    assert float(degrees.min()) < 0.01  # whole pictures are not turned
+    assert float(degrees.min()) < 0.01  # whole images are not turned
 
 
 def test_crop_of_the_originals_is_untrue_to_metres() -> None:
@@ -101,7 +101,7 @@ def test_crop_of_the_originals_is_untrue_to_metres() -> None:
         {"colour_jitter": 0.2, "gamma": 0.3, "brightness": 0.3, "noise": 0.05},
     ],
 )
-def test_light_changes_the_picture_and_never_the_depth(strengths: dict[str, float]) -> None:
+def test_light_changes_the_image_and_never_the_depth(strengths: dict[str, float]) -> None:
     rgb, depth_m = _pairs(8)
     lit = replace(PLAIN, **strengths)
     gray, seen_m, _ = augment(rgb, depth_m, PLAIN, seeded(7))
@@ -113,7 +113,7 @@ def test_light_changes_the_picture_and_never_the_depth(strengths: dict[str, floa
 
 
 def _lit(level: float, **strengths: float) -> Tensor:
-    """V of 1,000 views of a red picture, (1000, 24, 32)."""
+    """V of 1,000 views of a red image, (1000, 24, 32)."""
     rgb = torch.zeros(1000, 3, 24, 32)
     rgb[:, 0] = level
     data = replace(PLAIN, **strengths)
@@ -204,7 +204,7 @@ def test_the_share_is_that_of_the_views() -> None:
     assert 0.26 < float(changed) < 0.34
 
 
-def test_augmentation_mixes_picture_and_depth_alike() -> None:
+def test_augmentation_mixes_image_and_depth_alike() -> None:
     value = torch.rand(8, 1, 48, 64, generator=seeded(5))
     rgb, depth_m = value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value
     plain = DataConfig(width=WIDTH, height=HEIGHT)
@@ -220,7 +220,7 @@ def test_augmentation_mixes_picture_and_depth_alike() -> None:
 
 
 def test_a_pasted_piece_brings_its_holes_along() -> None:
-    """What is valid is where the picture is bright, before and after pieces are pasted."""
+    """What is valid is where the image is bright, before and after pieces are pasted."""
     value = torch.rand(8, 1, HEIGHT, WIDTH, generator=seeded(5))
     rgb, depth_m, valid_mask = value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value, value > 0.4
     plain = DataConfig(width=WIDTH, height=HEIGHT)

@@ -20,8 +20,7 @@ from lightning_fabric import Fabric
 from depthcli.core.types import DepthMap
 from depthcli.io.formats.preview import percentiles
 from depthcli.lab.jobs.train import TrainRequest, train
-from depthcli.lab.metrics.depth import PixelSums
-from depthcli.lab.metrics.pixels import DepthPixels
+from depthcli.lab.metrics.depth import DepthPixels, PixelSums
 from depthcli.lab.options import Tracker
 from depthcli.lab.training.callbacks import (
     Callback,
@@ -190,7 +189,7 @@ def test_depth_counts_to_ten_metres_or_as_far_as_the_output_goes() -> None:
 
 @pytest.mark.parametrize("positions", [[0, 1], [4, 1]])
 def test_depth_of_other_cameras_is_compared_in_true_metres(positions: list[int]) -> None:
-    """Also its limit of 10 m: half of the second picture is 12 m away, and learned as 6 m."""
+    """Also its limit of 10 m: half of the second image is 12 m away, and learned as 6 m."""
     true = rooms()
     true.depths_m[1, :, 32:] = 12
     scales = (2.0, 0.5, 1.0, 1.0, 0.25, 1.0)
@@ -207,7 +206,7 @@ def test_depth_of_other_cameras_is_compared_in_true_metres(positions: list[int])
 
 
 class _Constant(torch.nn.Module):
-    """Says the same of every picture."""
+    """Says the same of every image."""
 
     def __init__(self, raw: torch.Tensor) -> None:
         super().__init__()

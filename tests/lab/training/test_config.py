@@ -12,9 +12,8 @@ from depthcli.core.types import DepthCodec
 from depthcli.errors import UsageError
 from depthcli.lab.training.config import TrainConfig, updated
 from depthcli.lab.training.methods.registry import DEFAULTS, default_config
-from depthcli.lab.training.methods.table import PAPER_METHODS
-from depthcli.lab.training.presets import FOLDER, PRESETS, preset_file
-from depthcli.lab.training.settings import apply_overrides, resolve_config
+from depthcli.lab.training.methods.table import PAPER_METHODS, PRESETS
+from depthcli.lab.training.settings import PRESET_FOLDER, apply_overrides, resolve_config
 
 REFERENCE = Path(__file__).parents[2] / "reference"
 
@@ -101,9 +100,9 @@ def test_losses_against_the_truth_need_pairs(setting: str) -> None:
         apply_overrides(TrainConfig(), [], [*UNPAIRED, loss])
 
 
-@pytest.mark.parametrize("file", sorted(FOLDER.glob("*.toml")), ids=lambda p: p.stem)
+@pytest.mark.parametrize("file", sorted(PRESET_FOLDER.glob("*.toml")), ids=lambda p: p.stem)
 def test_presets_resolve(file: Path) -> None:
-    config = apply_overrides(TrainConfig(), [preset_file(file.stem)], [])
+    config = apply_overrides(TrainConfig(), [file], [])
     wanted = tomllib.loads(file.read_text())
     assert updated(config, wanted) == config
     assert config != TrainConfig()
@@ -126,7 +125,7 @@ def test_a_methods_file_holds_only_differences(name: str) -> None:
     assert not [path for path, value in written.items() if usual[path] == value]
 
 
-@pytest.mark.parametrize("file", sorted(FOLDER.glob("*.toml")), ids=lambda p: p.stem)
+@pytest.mark.parametrize("file", sorted(PRESET_FOLDER.glob("*.toml")), ids=lambda p: p.stem)
 def test_a_preset_holds_only_differences(file: Path) -> None:
     usual = [_leaves(dataclasses.asdict(default_config(name))) for name in PAPER_METHODS]
     for path, value in _leaves(tomllib.loads(file.read_text())).items():
@@ -134,7 +133,7 @@ def test_a_preset_holds_only_differences(file: Path) -> None:
 
 
 def test_presets_and_files_are_the_same() -> None:
-    assert {file.stem for file in FOLDER.glob("*.toml")} == set(PRESETS)
+    assert {file.stem for file in PRESET_FOLDER.glob("*.toml")} == set(PRESETS)
 
 
 @pytest.mark.parametrize("method", PAPER_METHODS)

@@ -7,18 +7,21 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from helpers.rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, rooms
+from helpers.rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, batches_of, rooms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from depthcli.errors import DatasetError
-from depthcli.lab.training.augment import augment
+from depthcli.lab.training.augment import Views, augment
+from depthcli.lab.training.config import PromptConfig
 from depthcli.lab.training.data import (
     Batches,
     PairStore,
     TrainingBatch,
     _stored_size,
     downsample,
+    drawn_prompt,
+    drawn_prompts,
     whole_images,
 )
 from depthcli.lab.training.losses import gradient_loss
@@ -30,7 +33,7 @@ DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2, brightness=0.2, no
 
 def _batches(size: int = 2, seed: int = 0, **changes: object) -> Batches:
     data = replace(DATA, **changes)
-    return Batches(PairStore(rooms(), TRAIN, data), data, size, seed, CPU)
+    return batches_of(PairStore(rooms(), TRAIN, data), data, size, seed)
 
 
 def test_depends_on_seed_and_step_alone() -> None:
@@ -88,7 +91,7 @@ def test_unpaired_depth_is_of_other_scenes() -> None:
 
 
 def _ramps(count: int) -> Rooms:
-    """Pictures that get brighter to the right, as their depth grows from 2 to 4 m."""
+    """Images that get brighter to the right, as their depth grows from 2 to 4 m."""
     share = np.broadcast_to(np.linspace(0, 1, WIDTH, dtype=np.float32), (count, HEIGHT, WIDTH))
     images = np.repeat((255 * share).astype(np.uint8)[..., None], 3, axis=3)
     return Rooms(images, 2 + 2 * share, tuple(f"den_{i}" for i in range(count)))
@@ -98,7 +101,7 @@ def _seen(paired: bool, steps: int = 4, size: int = 60, **changes: float) -> Tra
     """Some batches of ramps in one."""
     plain = {"zoom": 1.0, "gamma": 0.0, "brightness": 0.0, "noise": 0.0, "rotate_deg": 0.0}
     data = replace(DATA, paired=paired, **(plain | changes))
-    batches = Batches(PairStore(_ramps(size), range(size), data), data, size, 0, CPU)
+    batches = batches_of(PairStore(_ramps(size), range(size), data), data, size)
     seen = [batches[step] for step in range(steps)]
     return TrainingBatch(*(torch.cat(maps) for maps in zip(*(b[:2] for b in seen), strict=True)))
 
@@ -159,7 +162,7 @@ def test_no_pair_is_an_error() -> None:
 
 
 @pytest.mark.parametrize(
-    ("picture", "stored"),
+    ("image", "stored"),
     [
         ((300, 100), (150, 300)),
         ((150, 130), (130, 260)),
@@ -167,9 +170,9 @@ def test_no_pair_is_an_error() -> None:
         ((9, 9), (100, 200)),
     ],
 )
-def test_pictures_are_kept_as_views_need(picture: tuple[int, int], stored: tuple[int, int]) -> None:
-    """At the network's aspect, as large as the picture along one axis, at most twice the size."""
-    width, height = _stored_size((*picture, 3), replace(DATA, width=100, height=200))
+def test_images_are_kept_as_views_need(image: tuple[int, int], stored: tuple[int, int]) -> None:
+    """At the network's aspect, as large as the image along one axis, at most twice the size."""
+    width, height = _stored_size((*image, 3), replace(DATA, width=100, height=200))
     assert (width, height) == stored
 
 
@@ -247,14 +250,14 @@ def test_batches_never_show_zero_and_say_what_is_known() -> None:
     assert float(store.depth_m.min()) >= 0.9
     for changes in ({}, {"paired": False}, {"crop_286": True}):
         data = replace(HOLED_DATA, **changes)
-        gray, depth_m, valid_mask, *_ = Batches(store, data, 5, 0, torch.device("cpu"))[0]
+        gray, depth_m, valid_mask, *_ = batches_of(store, data, 5)[0]
         assert valid_mask.shape == depth_m.shape == gray.shape
         assert valid_mask.dtype == torch.bool
         assert 0.4 < float(valid_mask.float().mean()) < 0.95
         assert float(depth_m.min()) > 0.9 / 1.5
 
 
-def test_known_pixels_have_the_depth_of_the_picture_without_holes() -> None:
+def test_known_pixels_have_the_depth_of_the_image_without_holes() -> None:
     """Holes at the stored size, so that only the view mixes pixels."""
     whole_m = torch.rand(6, 1, 64, 64, generator=torch.Generator().manual_seed(1)) * 5 + 1
     valid_mask = torch.rand(6, 1, 64, 64, generator=torch.Generator().manual_seed(2)) > 0.05
@@ -307,3 +310,47 @@ def test_gradient_loss_is_of_differences_between_known_pixels(
         error, mask = error.reshape(blocks).mean((3, 5)), mask.reshape(blocks).all((3, 5))
     found = gradient_loss(prediction, truth, None if is_whole else valid_mask)
     assert float(found) == pytest.approx(float(np.mean(terms)), rel=1e-5)
+
+
+COUNT, ROWS, COLUMNS = 24, 96, 128
+
+
+def _views() -> Views:
+    rows, columns = torch.meshgrid(torch.arange(ROWS), torch.arange(COLUMNS), indexing="ij")
+    depth_m = torch.arange(1, COUNT + 1).view(-1, 1, 1, 1) + rows / 100
+    boxes = ((rows // 12 + columns // 16) % 2).float().expand(COUNT, 3, -1, -1)
+    return Views(boxes, depth_m, (columns < COLUMNS // 2).expand(COUNT, 1, -1, -1))
+
+
+def test_each_view_has_points_of_its_measured_depth_and_the_seed_decides_them() -> None:
+    config = PromptConfig(exact=1, jitter_px=0, missing=0)
+    views = _views()
+    found = drawn_prompts(views, config, np.random.SeedSequence(3))
+    known = found > 0
+    assert known.any(dim=3).any(dim=2).sum() > COUNT / 2  # a far view has none of a depth camera
+    assert torch.equal(found[known], views.depth_m[known])
+    assert views.valid_mask is not None
+    assert not known[~views.valid_mask].any()
+    assert torch.equal(found, drawn_prompts(views, config, np.random.SeedSequence(3)))
+    assert not torch.equal(found, drawn_prompts(views, config, np.random.SeedSequence(4)))
+    nothing = views._replace(valid_mask=torch.zeros_like(views.valid_mask))
+    assert not drawn_prompts(nothing, config, np.random.SeedSequence(3)).any()
+
+
+def test_config_decides_patterns_sizes_and_how_many_are_exact() -> None:
+    random = np.random.default_rng(0)
+    config = PromptConfig(("uniform", "lidar"), (5, 50), lines=(64, 99), exact=0.25, missing=0.5)
+    drawn = [drawn_prompt(config, random) for _ in range(400)]
+    exact = [not (one.noise or one.wrong or one.has_kinect_noise) for one in drawn]
+    assert 0.25 < np.mean(exact) < 0.5
+    assert abs(np.mean([one.part != (0, 0, 1, 1) for one in drawn]) - 0.5) < 0.1
+    sizes = {
+        pattern: {one.size for one in drawn if one.pattern == pattern}
+        for pattern in config.patterns
+    }
+    assert sizes["lidar"] == {64, 99}
+    ranges_m = [one.range_m for one in drawn]
+    assert 2.5 < min(ranges_m) < 2.6
+    assert 7.8 < max(ranges_m) < 8
+    assert min(sizes["uniform"]) in {5, 6}
+    assert 45 < max(sizes["uniform"]) <= 50

@@ -142,9 +142,9 @@ def test_log_samples_and_checkpoint_of_a_run(tmp_path: Path) -> None:
     assert [p.epoch for p in notes.epochs] == [1, 2, 3]
     assert lines[-1]["scores"]["abs_rel"] == done.scores["abs_rel"]
     assert 0 <= lines[0]["seconds"] <= lines[-1]["seconds"] < 60
-    pictures = sorted((tmp_path / "samples").iterdir())
-    assert [p.name for p in pictures] == [f"epoch-000{i}.jpg" for i in (1, 2, 3)]
-    assert cv2.imread(str(pictures[0])).shape == (32, 3 * 64, 3)
+    images = sorted((tmp_path / "samples").iterdir())
+    assert [p.name for p in images] == [f"epoch-000{i}.jpg" for i in (1, 2, 3)]
+    assert cv2.imread(str(images[0])).shape == (32, 3 * 64, 3)
     assert sorted(p.name for p in tmp_path.iterdir()) == [
         BEST_CHECKPOINT,
         CHECKPOINT,

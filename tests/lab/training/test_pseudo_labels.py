@@ -8,7 +8,7 @@ import onnx
 import pytest
 import torch
 from helpers.made import exif, jpeg_with_exif
-from helpers.rooms import PAPER, TRAIN, room_data, rooms
+from helpers.rooms import PAPER, TRAIN, batches_of, room_data, rooms
 from helpers.supervised_runs import BARE, SUPERVISED, train_steps, write_pseudo_labels
 from helpers.tiny import write_model, write_picture
 from torch import Tensor
@@ -18,7 +18,7 @@ from depthcli.errors import CheckpointError, UsageError
 from depthcli.lab.datasets.folders import open_paired_folder
 from depthcli.lab.export.onnx import ExportOptions, export_checkpoint
 from depthcli.lab.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
-from depthcli.lab.training.data import Batches, PairStore, TrainingBatch
+from depthcli.lab.training.data import PairStore, TrainingBatch
 from depthcli.lab.training.init_weights import load_init_weights
 from depthcli.lab.training.methods.proposed import Proposed
 from depthcli.lab.training.networks.build import build_generator
@@ -111,7 +111,7 @@ def test_batch_has_its_share_of_pseudo_labels() -> None:
     data = replace(PAPER.data, pseudo_label_share=0.25, zoom=1.2, turn=1.0)
     store, dark = PairStore(rooms(), TRAIN, data), PairStore(rooms(), TRAIN, data)
     dark.rgb.zero_()
-    batches = Batches(store, data, 4, 0, CPU, pseudo_labels=dark)
+    batches = batches_of(store, data, 4, pseudo_labels=dark)
     assert batches.steps_per_epoch == len(TRAIN) // 3
     for step in range(4):
         batch = batches[step]
@@ -126,7 +126,7 @@ def test_share_below_one_pair_is_refused(share: float) -> None:
     data = replace(PAPER.data, pseudo_label_share=share)
     store = PairStore(rooms(), TRAIN, data)
     with pytest.raises(UsageError):
-        Batches(store, data, 4, 0, CPU, pseudo_labels=store)
+        batches_of(store, data, 4, pseudo_labels=store)
 
 
 def _pull(method: Proposed, image: Tensor, depth_m: Tensor, is_label: Tensor) -> float:
@@ -198,8 +198,8 @@ def more(tmp_path: Path) -> Path:
     camera = {"camera": {"hfov_deg": 63.3}, "input__width": 192, "input__height": 144}
     model = write_model(tmp_path / "model", input__fit="keep-aspect", **camera)
     for name, (height, width) in {"room": (72, 96), "wide": (72, 128), "lens": (96, 72)}.items():
-        picture = np.full((height, width, 3), GRAY, np.uint8)
-        write_picture(tmp_path / "more" / "rgb" / f"{name}.jpg", picture)
+        image = np.full((height, width, 3), GRAY, np.uint8)
+        write_picture(tmp_path / "more" / "rgb" / f"{name}.jpg", image)
     lens = tmp_path / "more" / "rgb" / "lens.jpg"
     lens.write_bytes(jpeg_with_exif(lens.read_bytes(), exif(focal_35mm=26)))
     words = ["batch", str(lens.parent), "--out", str(tmp_path / "more" / "depth"), "--quiet"]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from helpers.rooms import EFFICIENT, PAPER, TRAIN, Rooms, room_data
+from helpers.rooms import EFFICIENT, PAPER, TRAIN, Rooms, batches_of, room_data
 from helpers.tiny_methods import tiny
 from lightning_fabric import Fabric
 from lightning_fabric.plugins.precision.amp import MixedPrecision
@@ -22,7 +22,7 @@ from depthcli.core.parallel import usable_cores
 from depthcli.lab.training.callbacks import Callback
 from depthcli.lab.training.checkpoint import CHECKPOINT, Checkpoint
 from depthcli.lab.training.config import DataConfig, OptimConfig, TrainConfig, updated
-from depthcli.lab.training.data import Batches, PairStore, TrainingBatch
+from depthcli.lab.training.data import PairStore, TrainingBatch
 from depthcli.lab.training.methods.proposed import Proposed
 from depthcli.lab.training.methods.table import PAPER_METHODS
 from depthcli.lab.training.run import (
@@ -51,8 +51,8 @@ def _gradients(config: TrainConfig, batch: TrainingBatch) -> dict[str, torch.Ten
 
 
 @pytest.mark.parametrize("antialias", [False, True])
-def test_gradients_of_one_picture_are_those_of_the_same_picture_twice(antialias: bool) -> None:
-    """Instance norm has gone wrong for one picture alone in channels-last memory."""
+def test_gradients_of_one_image_are_those_of_the_same_image_twice(antialias: bool) -> None:
+    """Instance norm has gone wrong for one image alone in channels-last memory."""
     generator: dict[str, Any] = {"antialias": antialias}
     config = updated(PAPER, {**PLAIN, "generator": generator})
     random = torch.Generator().manual_seed(0)
@@ -255,8 +255,8 @@ LEARNED = {
 }
 
 
-def _pictures() -> Rooms:
-    """Pictures and depth by a formula, with holes in one of them."""
+def _images() -> Rooms:
+    """Images and depth by a formula, with holes in one of them."""
     rows, columns = np.mgrid[0:60, 0:80] / np.float32(80)
     numbers = np.arange(6, dtype=np.float32)[:, None, None]
     depths_m = 3 + np.sin(7 * columns + numbers) + np.cos(5 * rows * (numbers + 1))
@@ -278,10 +278,10 @@ def _digest(values: torch.Tensor) -> list[float]:
 
 def shown(name: str) -> dict[str, list[float]]:
     """Three batches of four pairs."""
-    data, pictures = SHOWN[name], _pictures()
-    store = PairStore(pictures, TRAIN, data)
-    extra = PairStore(pictures, [2], data) if name == "extra" else None
-    batches = Batches(store, data, 4, 7, torch.device("cpu"), pseudo_labels=extra)
+    data, images = SHOWN[name], _images()
+    store = PairStore(images, TRAIN, data)
+    extra = PairStore(images, [2], data) if name == "extra" else None
+    batches = batches_of(store, data, 4, 7, extra)
     return {
         f"{part} {step}": _digest(values)
         for step in (0, 1, 5)

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from helpers.rooms import Rooms
+from helpers.rooms import Rooms, batches_of
 from helpers.seeded import seeded
 from torch import Tensor
 
 from depthcli.lab.training.augment import Geometry, augment, draw_views, view_size
 from depthcli.lab.training.config import DataConfig
-from depthcli.lab.training.data import Batches, PairStore
+from depthcli.lab.training.data import PairStore
 
 DATA = DataConfig(width=64, height=48, zoom=1.6, turn=1.0)
 HALF_X = math.tan(math.radians(63.3 / 2))
@@ -47,7 +47,7 @@ def test_a_turned_view_is_what_a_turned_camera_sees(
 ) -> None:
     """Angles between rays are kept, and depth is the distance along the turned axis.
 
-    ``halves`` is half the width and height of the picture at depth 1.
+    ``halves`` is half the width and height of the image at depth 1.
     """
     fov = None if halves == NYU else torch.tensor([halves], dtype=torch.float64).expand(12, 2)
     geometry = draw_views(12, size, replace(DATA, rotate_deg=rotate_deg), seeded(1), fov)
@@ -125,7 +125,7 @@ def test_without_turning_a_view_is_a_plain_cut() -> None:
 
 
 def test_views_of_other_shapes_fit_and_keep_the_focal_length() -> None:
-    """A portrait view of a landscape picture is zoomed in until it fits, and metres follow."""
+    """A portrait view of a landscape image is zoomed in until it fits, and metres follow."""
     geometry = draw_views(40, (48, 64), replace(DATA, turn=0.0), seeded(3))
     assert float(geometry.grid.abs().max()) <= 1
     step_y = (geometry.grid[:, 1, 0, 1] - geometry.grid[:, 0, 0, 1]) * HALF_Y
@@ -155,7 +155,7 @@ def test_sizes_of_views_keep_the_number_of_pixels() -> None:
 
 
 def _border_levels(**changes: float) -> Tensor:
-    """Levels of the outermost pixels of gray pictures with a white border."""
+    """Levels of the outermost pixels of gray images with a white border."""
     rgb = torch.full((200, 3, 96, 128), 0.5)
     rgb[..., 0], rgb[..., -1], rgb[..., 0, :], rgb[..., -1, :] = 1, 1, 1, 1
     data = replace(DATA, zoom=1.0, turn=0.0, **changes)
@@ -176,7 +176,7 @@ def test_borders_are_kept_replaced_or_painted() -> None:
 
 
 @pytest.mark.parametrize("border", [0.0, 1e-6])
-def test_beyond_its_edge_a_picture_goes_on_as_it_ends(border: float) -> None:
+def test_beyond_its_edge_an_image_goes_on_as_it_ends(border: float) -> None:
     """A gray room stays gray, and its flat wall flat, wherever a camera is turned."""
     data = replace(DATA, border=border)
     wall_m = torch.full((60, 1, 96, 128), 2.0)
@@ -205,7 +205,7 @@ SHAPES = replace(WIDE_DATA, aspects=(1.7778, 1.0, 0.75, 0.5625))
 
 
 def _black(*shape: int) -> Rooms:
-    """Pictures (height, width), and a depth of 1 m."""
+    """Images (height, width), and a depth of 1 m."""
     size = (COUNT, *shape)
     return Rooms(np.zeros((*size, 3), np.uint8), np.ones(size, np.float32), ("",) * COUNT)
 
@@ -221,10 +221,10 @@ def _ramps(like: Tensor) -> list[Tensor]:
 def _variation(data: DataConfig, dataset: Rooms, halves: Tensor) -> float:
     """Largest variation in a view of (label ÷ depth along its axis), which is 1 ÷ zoom everywhere.
 
-    ``halves`` (COUNT, 2) is half the width and height of the pictures at depth 1.
+    ``halves`` (COUNT, 2) is half the width and height of the images at depth 1.
     """
     store = PairStore(dataset, range(COUNT), data)
-    batches = Batches(store, data, COUNT, 0, torch.device("cpu"))
+    batches = batches_of(store, data, COUNT)
     ramps, largest = _ramps(store.depth_m), 0.0
     for step in range(12):
         seen = []
@@ -253,9 +253,9 @@ def _variation(data: DataConfig, dataset: Rooms, halves: Tensor) -> float:
 def test_labels_of_a_turned_view_are_depth_along_its_axis(
     data: DataConfig, shape: tuple[int, int], hfov_deg: float | None
 ) -> None:
-    """Whatever the picture's shape, that of the network's input, and the camera."""
+    """Whatever the image's shape, that of the network's input, and the camera."""
     dataset, (height, width) = _black(*shape), shape
-    if hfov_deg is None:  # the largest crop of NYU's picture
+    if hfov_deg is None:  # the largest crop of NYU's image
         half_width = NYU_HALF_WIDTH * width / max(width, height, min(width, height) * 4 / 3)
     else:
         dataset = replace(dataset, hfov_deg=hfov_deg)
@@ -264,7 +264,7 @@ def test_labels_of_a_turned_view_are_depth_along_its_axis(
     assert _variation(data, dataset, halves) < 0.001
 
 
-def test_each_picture_is_turned_with_its_own_focal_length() -> None:
+def test_each_image_is_turned_with_its_own_focal_length() -> None:
     focal_px = torch.linspace(25, 90, COUNT)
     dataset = replace(_black(48, 64), focal_px=tuple(focal_px.tolist()))
     assert _variation(WIDE_DATA, dataset, torch.tensor([32, 24]) / focal_px[:, None]) < 0.001

@@ -30,7 +30,7 @@ class Method(nn.Module):
 
     Attributes:
         TERMS: the weights of ``LossConfig`` that the method uses; others have to be zero.
-        PAIRED: whether it can be trained with aligned pairs of picture and depth map.
+        PAIRED: whether it can be trained with aligned pairs of image and depth map.
         phases: the order of the two half steps.
         generator: G, gray to depth: the network that is validated and exported.
         share_done: fraction of the schedule that is done, in [0, 1); set by the training loop.
@@ -72,6 +72,12 @@ class Method(nn.Module):
         weights = {name: getattr(self.weights, name) for name in losses}
         return {name: weights[name] * loss() for name, loss in losses.items() if weights[name]}
 
+    def judged(self, discriminator: nn.Module | None, *, real: Tensor, fake: Tensor) -> Tensor:
+        """The generator's adversarial loss by a discriminator, whose weights do not change."""
+        judge = required(discriminator)
+        with frozen([judge]):
+            return generator_loss(self.weights.gan, judge, real=real, fake=fake)
+
     def paired_terms(
         self, raw_y: Tensor, y: Tensor, valid_mask: Tensor | None
     ) -> dict[str, Tensor]:
@@ -81,13 +87,14 @@ class Method(nn.Module):
             y = F.interpolate(y, size=size, mode="area")
             if valid_mask is not None:
                 valid_mask = F.interpolate(valid_mask.float(), size=size, mode="area") == 1
-        pair, penalty = (raw_y, y), self.weights.weight_penalty
-        l1 = partial(losses.regularized_l1, *pair, self.generator, penalty, valid_mask)
+        penalty = self.weights.weight_penalty
+        l1 = partial(losses.regularized_l1, generator=self.generator, penalty=penalty)
         others = {name: getattr(losses, function) for name, function in PAIRED_LOSSES.items()}
-        own = self.weighted(
-            l1=l1, **{name: partial(loss, *pair, valid_mask) for name, loss in others.items()}
-        )
-        return own | self.custom_terms(*pair, valid_mask)
+        terms = {
+            name: partial(loss, raw_y, y, valid_mask=valid_mask)
+            for name, loss in {"l1": l1, **others}.items()
+        }
+        return self.weighted(**terms) | self.custom_terms(raw_y, y, valid_mask)
 
     def custom_terms(
         self, prediction: Tensor, truth: Tensor, valid_mask: Tensor | None
@@ -108,9 +115,9 @@ class Method(nn.Module):
 
 
 class TwoWay(Method):
-    """Two generators, G from gray to depth and F back, with a discriminator for each.
+    """Generators G, gray to depth, and F back; discriminators D_y of depth and D_x of gray images.
 
-    D_y judges depth, D_x gray. Parts that no loss term needs are None.
+    What no loss term needs is None.
     """
 
     def __init__(self, config: TrainConfig, *, backward: bool, gray_discriminator: bool) -> None:
@@ -134,14 +141,14 @@ class TwoWay(Method):
         self, x: Tensor, y: Tensor, fake_x: Tensor | None, fake_y: Tensor
     ) -> dict[str, Tensor]:
         """The generators' half of eq. 5 and 6."""
-        gan, d_y, d_x = self.weights.gan, self.depth_discriminator, self.gray_discriminator
-        if d_y is None:
-            return {}
-        with frozen(present(d_y, d_x)):
-            loss = generator_loss(gan, d_y, real=y, fake=fake_y)
-            if d_x is not None:
-                loss = loss + generator_loss(gan, d_x, real=x, fake=required(fake_x))
-        return {"adversarial": self.weights.adversarial * loss}
+
+        def adversarial() -> Tensor:
+            loss = self.judged(self.depth_discriminator, real=y, fake=fake_y)
+            if self.gray_discriminator is None:
+                return loss
+            return loss + self.judged(self.gray_discriminator, real=x, fake=required(fake_x))
+
+        return self.weighted(adversarial=adversarial)
 
     def discriminator_terms(
         self, x: Tensor, y: Tensor, fake_x: Tensor | None, fake_y: Tensor

@@ -1,4 +1,4 @@
-"""CUT and FastCUT (Park et al. 2020): one-sided translation with a patch-wise contrastive loss."""
+"""CUT, FastCUT (Park et al. 2020) and HnegSRC (Jung et al. 2022): patch-wise contrast, one way."""
 
 from collections.abc import Callable
 from functools import cache, partial
@@ -19,8 +19,8 @@ _Patches: TypeAlias = Callable[[], tuple[list[Tensor], list[Tensor]]]
 class Cut(base.Method):
     """GAN + contrast of x and G(x) + contrast of y and G(y).
 
-    With ``flip_contrast`` (FastCUT), G gets the mirrored picture in half of the steps; its features
-    are mirrored back and compared with those of the original picture.
+    With ``flip_contrast`` (FastCUT), half of the steps mirror G's input; its features are mirrored
+    back and compared with those of the original image.
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "contrast_x", "contrast_y"})
@@ -51,20 +51,14 @@ class Cut(base.Method):
         self._fakes = None
         patches = partial(base.compared_patches, self.generator, self.sampler)
         of_x = partial(patches, x, fake_y, is_mirrored=flipped)
-        return self._adversarial(y, fake_y) | self._contrastive_terms(
+        adversarial = partial(self.judged, self.discriminator, real=y, fake=fake_y)
+        return self.weighted(adversarial=adversarial) | self._contrastive_terms(
             of_x, lambda: patches(y, base.generate(self.generator, y))
         )
 
     def _translate(self, x: Tensor) -> tuple[Tensor, bool]:
         flipped = self.weights.flip_contrast and bool(torch.rand(()) < 0.5)  # noqa: PLR2004
         return base.generate(self.generator, x.flip(3) if flipped else x), flipped
-
-    def _adversarial(self, y: Tensor, fake_y: Tensor) -> dict[str, Tensor]:
-        if self.discriminator is None:
-            return {}
-        with base.frozen([self.discriminator]):
-            loss = losses.generator_loss(self.weights.gan, self.discriminator, real=y, fake=fake_y)
-        return {"adversarial": self.weights.adversarial * loss}
 
     def _contrastive_terms(self, of_x: _Patches, of_y: _Patches) -> dict[str, Tensor]:
         return self.weighted(

@@ -1,4 +1,4 @@
-"""CycleGAN (Zhu et al. 2017): two generators, inverse to each other, and two discriminators."""
+"""CycleGAN (Zhu et al. 2017): two inverse generators, two discriminators, and image pools."""
 
 from typing import ClassVar, NamedTuple
 
@@ -14,8 +14,7 @@ from depthcli.lab.training.methods.base import Phase, TwoWay, generate, required
 class ImagePool:
     """Stores the first images; then swaps each new one with a random stored one, with p = 0.5.
 
-    With a size of 0, every image is returned unchanged. Images are swapped with others of their
-    own size only.
+    It swaps images of one size only; with a size of 0, it returns every image unchanged.
     """
 
     def __init__(self, size: int) -> None:
@@ -24,18 +23,15 @@ class ImagePool:
 
     def exchange(self, images: Tensor) -> Tensor:
         """New or past fakes (B, C, H, W), detached, for new ones (B, C, H, W)."""
-        if self.size == 0:
-            return images.detach()
-        return torch.stack([self._exchange_one(image) for image in images.detach()])
+        images = images.detach()
+        return torch.stack(list(map(self._exchange_one, images))) if self.size else images
 
     def _exchange_one(self, image: Tensor) -> Tensor:
         if len(self.images) < self.size:
             self.images.append(image.clone())
             return image
-        if torch.rand(()) < 0.5:  # noqa: PLR2004
-            return image
         alike = [i for i, past in enumerate(self.images) if past.shape == image.shape]
-        if not alike:
+        if torch.rand(()) < 0.5 or not alike:  # noqa: PLR2004
             return image
         slot = alike[int(torch.randint(len(alike), ()))]
         past, self.images[slot] = self.images[slot], image.clone()

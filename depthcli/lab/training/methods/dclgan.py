@@ -1,4 +1,4 @@
-"""DCLGAN (Han et al. 2021): contrast in both directions, each with its own patch heads."""
+"""DCLGAN and SimDCL (Han et al. 2021): contrast both ways, each way with its own patch heads."""
 
 from typing import ClassVar, NamedTuple
 
@@ -24,8 +24,7 @@ class DomainFeatures(NamedTuple):
 class DclGan(base.TwoWay):
     """GANs + contrast of x and G(x) + contrast of y and F(y) + identity.
 
-    Gray images, real or fake, go through G's encoder and the first heads; depth maps through F's
-    encoder and the second heads.
+    G's encoder and the first heads take gray images, real or fake; F's and the second depth maps.
     """
 
     TERMS: ClassVar = frozenset({"adversarial", "contrast_x", "contrast_y", "identity"})
@@ -62,15 +61,15 @@ class DclGan(base.TwoWay):
                 real_y=backward.features(y, self.taps),
                 fake_x=forward.features(fake_x, self.taps),
             )
-            compared = self._contrastive_terms(maps)
+            compared = self._contrastive_terms(maps, self._patch_vectors(maps))
         same_y = base.generate(forward, y) if self.weights.identity else None
         terms = self.adversarial_terms(x, y, fake_x, fake_y) | self.identity_terms(x, y, same_y)
         return terms | compared
 
-    def _contrastive_terms(self, maps: DomainFeatures) -> dict[str, Tensor]:
-        return self._contrast(self._patch_vectors(maps))
-
-    def _contrast(self, vectors: DomainFeatures) -> dict[str, Tensor]:
+    def _contrastive_terms(
+        self, maps: DomainFeatures, vectors: DomainFeatures
+    ) -> dict[str, Tensor]:
+        del maps  # for SimDCL
         return self.weighted(
             contrast_x=lambda: base.mean_over_taps(patch_nce, vectors.fake_y, vectors.real_x),
             contrast_y=lambda: base.mean_over_taps(patch_nce, vectors.fake_x, vectors.real_y),
@@ -93,28 +92,23 @@ class SimDcl(DclGan):
 
     def __init__(self, config: TrainConfig) -> None:
         super().__init__(config)
-        taps, compares = len(self.taps), bool(self.weights.similarity)
-        self.map_real_x = SimilarityMap(taps) if compares else None
-        self.map_fake_y = SimilarityMap(taps) if compares else None
-        self.map_real_y = SimilarityMap(taps) if compares else None
-        self.map_fake_x = SimilarityMap(taps) if compares else None
+        for name in DomainFeatures._fields:
+            network = SimilarityMap(len(self.taps)) if self.weights.similarity else None
+            setattr(self, f"map_{name}", network)
 
     def heads(self) -> list[nn.Module]:
         """The patch heads and the four maps."""
-        maps = base.present(self.map_real_x, self.map_fake_y, self.map_real_y, self.map_fake_x)
-        return super().heads() + maps
+        maps = (getattr(self, f"map_{name}") for name in DomainFeatures._fields)
+        return super().heads() + base.present(*maps)
 
-    def _contrastive_terms(self, maps: DomainFeatures) -> dict[str, Tensor]:
-        vectors = self._patch_vectors(maps)
-        if not self.weights.similarity:
-            return self._contrast(vectors)
-        # Fakes share no positions with the real images of their domain: sample new ones.
-        fake_x, _ = base.required(self.sampler_gray)(maps.fake_x)
-        fake_y, _ = base.required(self.sampler_depth)(maps.fake_y)
-        alike = similarity(
-            real_x=base.required(self.map_real_x)(vectors.real_x),
-            fake_x=base.required(self.map_fake_x)(fake_x),
-            real_y=base.required(self.map_real_y)(vectors.real_y),
-            fake_y=base.required(self.map_fake_y)(fake_y),
-        )
-        return self._contrast(vectors) | {"similarity": self.weights.similarity * alike}
+    def _contrastive_terms(
+        self, maps: DomainFeatures, vectors: DomainFeatures
+    ) -> dict[str, Tensor]:
+        def similar() -> Tensor:
+            # Fakes share no positions with the real images of their domain: sample new ones.
+            fake_x, _ = base.required(self.sampler_gray)(maps.fake_x)
+            fake_y, _ = base.required(self.sampler_depth)(maps.fake_y)
+            taps = vectors._replace(fake_x=fake_x, fake_y=fake_y)._asdict()
+            return similarity(**{name: getattr(self, f"map_{name}")(taps[name]) for name in taps})
+
+        return super()._contrastive_terms(maps, vectors) | self.weighted(similarity=similar)

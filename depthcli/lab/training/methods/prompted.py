@@ -20,8 +20,8 @@ _NODES = 4, 5, 6  # of random errors: in depth, rows and columns
 class Prompted(Method):
     """L1 and the other losses against truth; the trained network itself does not change.
 
-    On pairs that it has seen, the trained network errs less than it will on others, so that random
-    errors are added to its output, and what is far away made nearer.
+    It errs less on pairs that it has seen than it will on others: so random errors are added to its
+    output, and what is far away is made nearer.
     """
 
     TERMS: ClassVar = frozenset({"l1", "custom", *PAIRED_LOSSES})
@@ -46,15 +46,14 @@ class Prompted(Method):
         if self.config.prompt.base_errors:
             errors = random_errors(raw) * (self.config.prompt.base_errors / self.codec.scale)
             raw = nearer_far_away(raw + errors)
-        made = self.generator.correction(batch.network_input, maps, raw, prompt, mask).float()
-        return self.paired_terms(made, self.encode(batch.depth_m), batch.valid_mask)
+        prediction = self.generator.correction(batch.network_input, maps, raw, prompt, mask).float()
+        return self.paired_terms(prediction, self.encode(batch.depth_m), batch.valid_mask)
 
 
 def random_errors(raw: Tensor) -> Tensor:
     """Errors that are smooth on each surface: (B, 1, H, W) of raw depth (B, 1, H, W).
 
-    They are interpolated over columns, rows and depth. The standard deviation of each view is that
-    of a normal distribution of unit variance, without its sign.
+    They are interpolated over columns, rows and depth; their scale in a view is normal, too.
     """
     count, _, height, width = raw.shape
     nodes = torch.randn((count, 1, *_NODES), device=raw.device)
@@ -72,10 +71,9 @@ def random_errors(raw: Tensor) -> Tensor:
 def nearer_far_away(raw: Tensor) -> Tensor:
     """Raw depth (B, 1, H, W), compressed from a random depth on in half of the views.
 
-    Of images that a network has not seen, it tends to see the farthest parts too near.
+    A network tends to see the farthest parts of new images too near.
     """
     begin, share, is_chosen = torch.rand((3, len(raw), 1, 1, 1), device=raw.device)
     low, high = raw.amin((2, 3), keepdim=True), raw.amax((2, 3), keepdim=True)
     beyond = F.relu(raw - low - begin * (high - low))
-    found: Tensor = raw - share * (is_chosen < _NEARER) * beyond
-    return found
+    return raw - share * (is_chosen < _NEARER) * beyond  # type: ignore[no-any-return]

@@ -43,9 +43,9 @@ class Proposed(CycleGan):
         return terms | self._contrastive_terms(x, y, outputs)
 
     def _correct_pseudo_label_scale(self, raw_y: Tensor, y: Tensor, batch: TrainingBatch) -> Tensor:
-        """Remove part of the scale error of the output for pseudo labels (``pseudo_label_scale``).
+        """Remove part of the error in scale for pseudo labels (``pseudo_label_scale``).
 
-        Of log depth, the mean difference from the truth is the error in scale.
+        Of log depth, it is the mean difference from the truth.
         """
         if batch.is_pseudo_label is None:
             return raw_y

@@ -16,23 +16,17 @@ DEFAULTS = Path(__file__).parent / "defaults"
 def method_class(name: str) -> type[Method]:
     """The class of a method of the table, or of ``module:Class``; imports its module, and torch."""
     if name in METHODS:
-        found: type[Method] = resolve_name(f"depthcli.lab.training.methods.{METHODS[name]}")
-        return found
-    own = imported(name) if ":" in name else None
-    if not (isinstance(own, type) and issubclass(own, Method)):
-        raise UsageError(
-            f"no method '{name}'; choose from {', '.join(METHODS)}, or name a subclass of Method "
-            "as module:Class"
-        )
-    return own
+        return resolve_name(f"depthcli.lab.training.methods.{METHODS[name]}")  # type: ignore[no-any-return]
+    kind = imported(name) if ":" in name else None
+    if not (isinstance(kind, type) and issubclass(kind, Method)):
+        names = ", ".join(METHODS)
+        advice = f"choose from {names}, or name a subclass of Method as module:Class"
+        raise UsageError(f"no method '{name}'; {advice}")
+    return kind
 
 
 def default_config(method: str) -> TrainConfig:
-    """The default configuration of a method.
-
-    That of the paper's method without the losses and the pairing that this one does not support,
-    overridden by its file in ``defaults/``.
-    """
+    """The paper's method without what this one does not support, overridden by a file."""
     kind, file = method_class(method), DEFAULTS / f"{method}.toml"
     absent = {term: 0.0 for term in TERMS if term not in kind.TERMS}
     usual = {"loss": absent, "data": {"paired": kind.PAIRED}}

@@ -19,30 +19,12 @@ def build_network(config: GeneratorConfig, channels: int = 1) -> Generator | Pro
 
 
 def build_generator(config: GeneratorConfig, channels: int = 1, outputs: int = 1) -> Generator:
-    """The generator of a configuration, newly initialized, without layers for known depth.
-
-    ``outputs`` is the number of output channels of a ``resnet``; the others have one.
-    """
+    """A new generator without layers for known depth; only a ``resnet`` has other ``outputs``."""
     if config.name == "encoder":
-        return EncoderGenerator(
-            str(config.encoder), config.decoder, config.dropout, norm=config.norm, channels=channels
-        )
+        return EncoderGenerator(config, channels)
     if config.name == "efficient":
-        return EfficientGenerator(
-            tuple(map(int, config.encoder)),
-            config.decoder,
-            config.depths,
-            config.dropout,
-            norm=config.norm == "batch",
-        )
-    return ResnetGenerator(
-        width=config.width,
-        blocks=config.blocks,
-        antialias=config.antialias,
-        residual=config.residual,
-        channels=channels,
-        outputs=outputs,
-    )
+        return EfficientGenerator(config)
+    return ResnetGenerator(config, channels, outputs)
 
 
 def build_discriminator(config: TrainConfig, channels: int = 1) -> PatchGan:

@@ -1,4 +1,4 @@
-"""An encoder-decoder that is fast on CPUs: residual blocks, batch norm, skip connections."""
+"""Encoder-decoders that are fast on CPUs: a decoder for any encoder, and one with its own."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -7,6 +7,8 @@ from typing import Any
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
+
+from depthcli.lab.training.config import GeneratorConfig
 
 
 class DecodingGenerator(nn.Module):
@@ -17,14 +19,12 @@ class DecodingGenerator(nn.Module):
 
     TAPS: Sequence[str] = ("stride2", "stride4", "stride8", "stride16")
 
-    def _add_decoder(
-        self, encoder: Sequence[int], decoder: Sequence[int], dropout: float, *, norm: bool
-    ) -> None:
+    def _add_decoder(self, encoder: Sequence[int], config: GeneratorConfig, *, norm: bool) -> None:
         """Build the decoder for the channels of :meth:`_encode`, of which 0 stands for no map."""
-        self.encoder_channels, self.decoder_channels = tuple(encoder), tuple(decoder)
-        deepest = encoder[-1]
+        decoder, deepest = config.decoder, encoder[-1]
+        self.encoder_channels, self.decoder_channels = tuple(encoder), decoder
         self.whole_picture = nn.Linear(deepest, deepest)
-        self.dropout = nn.Dropout2d(dropout)
+        self.dropout = nn.Dropout2d(config.dropout)
         inner = (deepest, *decoder)
         self.fusions = nn.ModuleList(
             ConvNorm(below + skip, width, norm=norm)
@@ -45,17 +45,14 @@ class DecodingGenerator(nn.Module):
     def features(self, x: Tensor, taps: Sequence[str] = TAPS) -> list[Tensor]:
         """Encoder feature maps of x (B, C, H, W) for the given taps."""
         maps = dict(zip(DecodingGenerator.TAPS, self._encode(x)[0], strict=True))
-        return [found for tap in taps if (found := maps[tap]) is not None]
+        return [features for tap in taps if (features := maps[tap]) is not None]
 
     def forward(self, x: Tensor) -> Tensor:
         """Raw depth (B, 1, ceil(H/2), ceil(W/2)) of x (B, C, H, W) in [-1, 1]."""
         return self.head(self.maps(x)[1][-1])  # type: ignore[no-any-return]
 
     def maps(self, x: Tensor) -> tuple[list[Tensor | None], list[Tensor]]:
-        """Feature maps of x (B, C, H, W): the encoder's at strides 2, 4, 8, 16, the decoder's.
-
-        The decoder's are at strides 32, 16, 8, 4, 2; those of the encoder may be missing.
-        """
+        """The encoder's maps at strides 2, 4, 8, 16, or None; the decoder's at 32, 16, 8, 4, 2."""
         skips, y = self._encode(x)
         y = y + self.whole_picture(y.mean((2, 3)))[:, :, None, None]
         y = self.dropout(y)
@@ -72,8 +69,7 @@ class DecodingGenerator(nn.Module):
 def resized(x: Tensor, like: Tensor) -> Tensor:
     """Bilinear interpolation of x (B, C, H, W) at the height and width of another map."""
     if torch.onnx.is_in_onnx_export():
-        exported: Tensor = _Resized.apply(x, like)  # type: ignore[no-untyped-call]
-        return exported
+        return _Resized.apply(x, like)  # type: ignore[no-untyped-call, no-any-return]
     return F.interpolate(x, size=like.shape[2:], mode="bilinear", align_corners=False)
 
 
@@ -89,37 +85,26 @@ class _Resized(torch.autograd.Function):
         shapes = graph.op("Shape", x, end_i=2), graph.op("Shape", like, start_i=2)
         none = graph.op("Constant", value_t=torch.tensor([], dtype=torch.float32))
         sizes = graph.op("Concat", *shapes, axis_i=0)
-        made = graph.op("Resize", x, none, none, sizes, mode_s="linear")
-        made.setType(x.type())
-        return made
+        resize = graph.op("Resize", x, none, none, sizes, mode_s="linear")
+        resize.setType(x.type())
+        return resize
 
 
 class EfficientGenerator(DecodingGenerator):
-    """Gray picture to raw depth at half the picture's size.
+    """Gray image to raw depth at half its size; convolutions without batch norm have biases."""
 
-    The arguments are fields of :class:`~depthcli.lab.training.config.GeneratorConfig`; convolutions
-    without batch norm have biases.
-    """
-
-    def __init__(
-        self,
-        encoder: Sequence[int],
-        decoder: Sequence[int],
-        depths: Sequence[int],
-        dropout: float,
-        *,
-        norm: bool,
-    ) -> None:
+    def __init__(self, config: GeneratorConfig) -> None:
         super().__init__()
+        encoder, norm = list(map(int, config.encoder)), config.norm == "batch"
         self.stem = ConvNorm(1, encoder[0], stride=2, norm=norm)
         self.stages = nn.ModuleList(
             nn.Sequential(
                 ResidualBlock(below, width, stride=2, norm=norm),
                 *(ResidualBlock(width, width, norm=norm) for _ in range(depth - 1)),
             )
-            for below, width, depth in zip(encoder, encoder[1:], depths, strict=False)
+            for below, width, depth in zip(encoder, encoder[1:], config.depths, strict=False)
         )
-        self._add_decoder(encoder, decoder, dropout, norm=norm)
+        self._add_decoder(encoder, config, norm=norm)
 
     def _encode(self, x: Tensor) -> tuple[list[Tensor | None], Tensor]:
         maps = [self.stem(x)]
@@ -159,9 +144,8 @@ class ResidualBlock(nn.Module):
             ConvNorm(inputs, outputs, stride=stride, norm=norm),
             ConvNorm(outputs, outputs, norm=norm, relu=False),
         )
-        straight = inputs == outputs and stride == 1
         self.skip: nn.Module = nn.Identity()
-        if not straight:
+        if inputs != outputs or stride > 1:
             self.skip = ConvNorm(inputs, outputs, 1, stride, norm=norm, relu=False)
 
     def forward(self, x: Tensor) -> Tensor:

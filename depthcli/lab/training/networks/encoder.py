@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from depthcli.errors import CheckpointError, UsageError
+from depthcli.lab.training.config import GeneratorConfig
 from depthcli.lab.training.networks.efficient import DecodingGenerator
 
 STRIDES = (2, 4, 8, 16, 32)
@@ -21,28 +22,23 @@ _COUNTERS = "num_batches_tracked"
 class EncoderGenerator(DecodingGenerator):
     """Network input to raw depth at half its size, with an encoder of timm.
 
-    The arguments are fields of :class:`~depthcli.lab.training.config.GeneratorConfig`. The encoder
-    has feature maps at stride 32 and, if possible, at strides 2, 4, 8 and 16; where it is to have
-    no norm, that of timm is folded into its weights.
+    The encoder has feature maps at stride 32 and, if possible, at strides 2, 4, 8 and 16. Unless
+    ``norm`` is ``batch``, its own norm is folded into its weights.
     """
 
-    def __init__(
-        self, encoder: str, decoder: Sequence[int], dropout: float, *, norm: str, channels: int = 1
-    ) -> None:
+    def __init__(self, config: GeneratorConfig, channels: int = 1) -> None:
         super().__init__()
+        encoder, norm = str(config.encoder), config.norm
         network = timm_features(encoder, channels)
-        widths = dict(
-            zip(network.feature_info.reduction(), network.feature_info.channels(), strict=True)
-        )
+        info = network.feature_info
+        widths = dict(zip(info.reduction(), info.channels(), strict=True))
         if STRIDES[-1] not in widths:
             raise UsageError(f"{encoder} has no feature maps at strides of 2 to 32: choose another")
         self.name, self.channels, self.folds = encoder, channels, norm != "batch"
         self.encoder: nn.Module = folded_norms(network, channels) if self.folds else network
         self.strides = tuple(widths)
         self.TAPS = tuple(f"stride{stride}" for stride in STRIDES[:-1] if stride in widths)
-        self._add_decoder(
-            [widths.get(n, 0) for n in STRIDES], decoder, dropout, norm=norm != "none"
-        )
+        self._add_decoder([widths.get(n, 0) for n in STRIDES], config, norm=norm != "none")
 
     def _encode(self, x: Tensor) -> tuple[list[Tensor | None], Tensor]:
         if not x.is_cuda:  # as the weights, see Run
@@ -53,8 +49,8 @@ class EncoderGenerator(DecodingGenerator):
     def load_encoder(self, weights: Path | None) -> None:
         """Load pretrained weights of the encoder; None downloads those of timm's hub.
 
-        A file is a state dict for pictures of three channels, whose tensors have the order and the
-        shapes of timm's; further ones, such as a classifier's, are ignored.
+        A file is a state dict for images of three channels, in the order of timm's network; further
+        tensors, such as a classifier's, are ignored.
         """
         network = timm_features(self.name, 3, pretrained=weights is None)
         if weights is not None:
@@ -67,16 +63,12 @@ class EncoderGenerator(DecodingGenerator):
 
 
 class SamePaddedConv2d(nn.Conv2d):
-    """TensorFlow's "same" padding of inputs whose size is a multiple of the stride, for any size.
-
-    That of timm depends on the size, which would be frozen in an exported graph.
-    """
+    """TensorFlow's "same" padding, which timm computes from the size, in a form that exports."""
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, C, H, W) to (B, out_channels, ceil(H/stride), ceil(W/stride))."""
         if torch.onnx.is_in_onnx_export():
-            exported: Tensor = _PaddedConvolution.apply(x, self.weight, self.bias, self)  # type: ignore[no-untyped-call]
-            return exported
+            return _PaddedConvolution.apply(x, self.weight, self.bias, self)  # type: ignore[no-untyped-call, no-any-return]
         return self.padded(x)
 
     def padded(self, x: Tensor) -> Tensor:
@@ -88,9 +80,7 @@ class SamePaddedConv2d(nn.Conv2d):
     @property
     def zeros(self) -> tuple[int, ...]:
         """Rows and columns of padding above, left, below and right."""
-        whole = [
-            (size - 1) * step for size, step in zip(self.kernel_size, self.dilation, strict=True)
-        ]
+        whole = [(n - 1) * gap for n, gap in zip(self.kernel_size, self.dilation, strict=True)]
         before = [max(0, n + 1 - step) // 2 for n, step in zip(whole, self.stride, strict=True)]
         return (*before, *(n - first for n, first in zip(whole, before, strict=True)))
 
@@ -115,10 +105,9 @@ def timm_features(name: str, channels: int, *, pretrained: bool = False) -> Any:
     timm = _import_timm()
     if not timm.is_model(name.partition(".")[0]):
         raise UsageError(f"timm has no model '{name}': see timm.list_models()")
+    options = {"features_only": True, "in_chans": channels, "pretrained": pretrained}
     try:
-        network = timm.create_model(
-            name, features_only=True, in_chans=channels, pretrained=pretrained
-        )
+        network = timm.create_model(name, **options)
     except (RuntimeError, AttributeError, OSError) as error:
         raise UsageError(f"timm cannot make an encoder of {name}: {error}") from error
     for conv in network.modules():
@@ -140,48 +129,43 @@ def folded_norms(network: nn.Module, channels: int) -> nn.Module:
 @torch.no_grad()
 def _conv_norms(network: nn.Module, channels: int) -> Iterator[tuple[nn.Conv2d, nn.BatchNorm2d]]:
     """Convolutions and the batch norms that take their outputs, found by running the network."""
-    made: dict[int, tuple[nn.Conv2d, Tensor]] = {}
+    producers: dict[int, tuple[nn.Conv2d, Tensor]] = {}
     pairs: dict[nn.Conv2d, nn.BatchNorm2d] = {}
 
     def note(module: nn.Module, inputs: tuple[Tensor, ...], output: Tensor) -> None:
         if isinstance(module, nn.Conv2d):
-            made[id(output)] = module, output  # kept, so that its id is not used again
-        elif id(inputs[0]) in made:
-            pairs[made[id(inputs[0])][0]] = module  # type: ignore[assignment]
+            producers[id(output)] = module, output  # kept, so that its id is not used again
+        elif id(inputs[0]) in producers:
+            pairs[producers[id(inputs[0])][0]] = module  # type: ignore[assignment]
 
     kinds = (nn.Conv2d, nn.BatchNorm2d)
-    found = [module for module in network.modules() if isinstance(module, kinds)]
-    hooks = [module.register_forward_hook(note) for module in found]
+    modules = [module for module in network.modules() if isinstance(module, kinds)]
+    hooks = [module.register_forward_hook(note) for module in modules]
     network(torch.zeros(1, channels, _EXAMPLE_PX, _EXAMPLE_PX))
     for hook in hooks:
         hook.remove()
     yield from pairs.items()
 
 
-def _in_order(wanted: Mapping[str, Tensor], path: Path) -> dict[str, Tensor]:
+def _in_order(expected: Mapping[str, Tensor], path: Path) -> dict[str, Tensor]:
     """Tensors of a weight file under the names of a network, assigned by their order."""
     try:
         stored = torch.load(path, map_location="cpu", weights_only=True)
         tensors = [value for name, value in stored.items() if _COUNTERS not in name]
     except Exception as error:  # a file that is not a pickle can raise anything
         raise CheckpointError(f"{path} is not a state dict of torch") from error
-    names = [name for name in wanted if _COUNTERS not in name]
+    names = [name for name in expected if _COUNTERS not in name]
     for name, value in zip(names, tensors, strict=False):
-        if wanted[name].shape != value.shape:
-            ours, theirs = tuple(wanted[name].shape), tuple(value.shape)
-            raise CheckpointError(
-                f"{path} does not fit the encoder: {name} is {ours}, not {theirs}"
-            )
+        if expected[name].shape != value.shape:
+            shapes = f"{tuple(expected[name].shape)}, not {tuple(value.shape)}"
+            raise CheckpointError(f"{path} does not fit the encoder: {name} is {shapes}")
     if len(tensors) < len(names):
         raise CheckpointError(f"{path} does not fit the encoder: it lacks {names[len(tensors)]}")
     return dict(zip(names, tensors, strict=False))
 
 
 def _accept_input(stem: nn.Conv2d, channels: int, std: Sequence[float]) -> None:
-    """Make the first convolution take inputs in [-1, 1], of one channel or three.
-
-    It was trained on (rgb - mean) / std of RGB in [0, 1]; what the mean shifts is left to training.
-    """
+    """Make a convolution that took (rgb - mean) / std take 1 or 3 channels in [-1, 1]."""
     weight = stem.weight.detach() * (0.5 / torch.tensor(std)).view(1, -1, 1, 1)
     stem.weight = nn.Parameter(weight.sum(1, keepdim=True) if channels == 1 else weight)
     stem.in_channels = channels

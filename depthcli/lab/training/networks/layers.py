@@ -1,8 +1,10 @@
-"""Antialiased downsampling (Zhang 2019), as in the CUT family."""
+"""Layers of the GANs: blur (Zhang 2019), instance norm, and the initialization of weights."""
 
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
+
+_STD = 0.02
 
 
 class BlurDown(nn.Module):
@@ -25,8 +27,8 @@ class BlurDown(nn.Module):
 class InstanceNorm(nn.InstanceNorm2d):
     """Instance norm without affine parameters (Ulyanov et al. 2016).
 
-    The gradients of torch's own (2.13 still) are wrong for one picture in channels-last memory, so
-    the batch norm of one picture, which is the same, is used where gradients are needed.
+    The gradients of torch's own (2.13 still) are wrong for one image in channels-last memory, so
+    its batch norm, which is the same for one image, is used where gradients are needed.
     """
 
     def forward(self, x: Tensor) -> Tensor:
@@ -34,9 +36,6 @@ class InstanceNorm(nn.InstanceNorm2d):
         if len(x) == 1 and (self.training or x.requires_grad):
             return F.batch_norm(x, None, None, training=True, eps=self.eps)
         return super().forward(x)
-
-
-_STD = 0.02
 
 
 def init_weights(network: nn.Module, *, xavier: bool) -> None:

@@ -1,4 +1,4 @@
-"""The 70×70 PatchGAN discriminator (Isola et al. 2017)."""
+"""Networks on patches: PatchGAN (Isola et al. 2017), patch heads, and SimDCL's map of them."""
 
 import itertools
 from collections.abc import Sequence
@@ -11,13 +11,14 @@ from depthcli.lab.training.losses import full_precision
 from depthcli.lab.training.networks.layers import BlurDown, InstanceNorm, init_weights
 
 _SLOPE = 0.2
+_EPSILON = 1e-7
 
 
 class PatchGan(nn.Module):
     """One logit for every 70×70 patch of an image of ``channels``.
 
-    ``width``, the channels of the first layer, is doubled three times. ``antialias`` replaces
-    strides by stride-1 convolutions with blur (the CUT family).
+    The ``width`` of the first layer is doubled three times. ``antialias`` replaces strides by blur
+    (the CUT family).
     """
 
     def __init__(self, channels: int = 1, *, width: int = 64, antialias: bool = False) -> None:
@@ -42,9 +43,6 @@ class PatchGan(nn.Module):
         return self.layers(image)  # type: ignore[no-any-return]
 
 
-_EPSILON = 1e-7
-
-
 class PatchSampler(nn.Module):
     """Per tap: Linear, ReLU, Linear, L2-normalize, at random positions, or all of a small map."""
 
@@ -62,8 +60,7 @@ class PatchSampler(nn.Module):
     ) -> tuple[list[Tensor], list[Tensor]]:
         """Unit patch vectors (B, P, dim) of each tap's map (B, C, H, W), and the positions used.
 
-        ``positions`` are flat indices (P,) per tap, for queries those of their keys; None samples
-        new ones without replacement.
+        These are flat indices (P,) per tap: for queries those of their keys, else new random ones.
         """
         if positions is None:
             positions = [
@@ -79,8 +76,7 @@ class PatchSampler(nn.Module):
 class SimilarityMap(nn.Module):
     """Convolution, ReLU, global average, Linear, ReLU, Linear, L2-normalize.
 
-    Its init weights are small, as in all networks of the CUT family, so that its output, of
-    ``dim`` channels, underflows half precision before it is normalized.
+    Its init weights are so small that the output underflows half precision before it is normalized.
     """
 
     def __init__(self, taps: int, dim: int = 64) -> None:

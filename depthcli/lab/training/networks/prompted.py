@@ -36,15 +36,11 @@ _LARGEST_LOGIT = 6.0  # of a pixel's weight
 class PromptedGenerator(nn.Module):
     """Network input and known depth to raw depth at the input's size.
 
-    The difference between known and predicted depth is first interpolated between all points, by
-    distance and by learned likeness, then spread and corrected at strides 16, 8, 4 and 2; at
-    last, the map is enlarged along learned edges. Only differences of coded depth are used, which
-    is a logarithm: known depth multiplied by a number multiplies the output by it. Where nothing is
-    known, the output is that of the trained network, whose weights do not change.
-
-    Args:
-        base: the trained network.
-        widths: channels of the added layers at strides 16, 8, 4 and 2.
+    Known minus predicted depth is first interpolated between all points, then corrected at strides
+    16, 8, 4 and 2, and the map is enlarged along learned edges. Depth is coded as a logarithm:
+    known depth multiplied by a number multiplies the output by it. Without known depth, the output
+    is that of the trained network ``base``, whose weights do not change. ``widths`` are the
+    channels of the added layers at these strides.
     """
 
     def __init__(self, base: DecodingGenerator, widths: Sequence[int]) -> None:
@@ -64,24 +60,21 @@ class PromptedGenerator(nn.Module):
     ) -> Tensor:
         """Raw depth (B, 1, H, W), or (B, 1, H/2, W/2) without a prompt.
 
-        Args:
-            image: (B, C, H, W) in [-1, 1]; the height and width are even.
-            prompt: (B, 1, H, W) known depth, coded as the output; anything where it is unknown.
-            mask: (B, 1, H, W) float, 1 where depth is known and 0 elsewhere.
+        Of an image (B, C, H, W) in [-1, 1] of even size, known depth ``prompt`` (B, 1, H, W), coded
+        as the output, and its mask, a float that is 1 where depth is known and 0 elsewhere.
         """
         maps, raw = self.plain(image)
         if prompt is None or mask is None:
             return raw
-        corrected: Tensor = self.correction(image, maps, raw, prompt, mask)
-        return corrected
+        return self.correction(image, maps, raw, prompt, mask)  # type: ignore[no-any-return]
 
     @torch.no_grad()
     def plain(self, image: Tensor) -> tuple[list[list[Tensor]], Tensor]:
         """Feature maps at strides 16, 8, 4, 2, and raw depth (B, 1, H/2, W/2) of the base."""
         skips, maps = self.base.maps(image)
         pairs = zip(maps[1:], reversed(skips), strict=True)
-        seen = [[one for one in pair if one is not None] for pair in pairs]
-        return seen, self.base.head(maps[-1]).float()
+        levels = [[features for features in pair if features is not None] for pair in pairs]
+        return levels, self.base.head(maps[-1]).float()
 
 
 class Correction(nn.Module):
@@ -91,50 +84,47 @@ class Correction(nn.Module):
         super().__init__()
         self.channels = int(getattr(base, "channels", 1))
         self.interpolation = PointInterpolation(base.decoder_channels[1])
-        seen = zip(base.decoder_channels, reversed(base.encoder_channels[:-1]), strict=True)
+        channels = zip(base.decoder_channels, reversed(base.encoder_channels[:-1]), strict=True)
         below = (2 * HEADS, *widths)
         extra = (0, 0, 0, 8 + 4 * self.channels)  # of single pixels
-        self.levels = nn.ModuleList(map(CorrectionLevel, seen, below, extra, widths, range(4)))
+        self.levels = nn.ModuleList(map(CorrectionLevel, channels, below, extra, widths, range(4)))
         self.enlarging = EdgeUpsampling(widths[-1])
 
     def forward(
         self, image: Tensor, maps: list[list[Tensor]], raw: Tensor, prompt: Tensor, mask: Tensor
     ) -> Tensor:
         """Raw depth (B, 1, H, W) that follows known depth, of what a generator's plain returned."""
-        known = unpacked(mask)
-        points = Points(unpacked(prompt), known, neighbours(raw, self.enlarging.bilinear))
-        field, below, told = self.interpolation(maps[1][0], points)
+        mask = unpacked(mask)
+        points = Points(unpacked(prompt), mask, neighbours(raw, self.enlarging.bilinear))
+        field, below, facts = self.interpolation(maps[1][0], points)
         beyond = points.beyond_farthest(raw)
-        pixels = torch.cat([unpacked(image, self.channels).float(), known], 1)
-        for level, seen in zip(self.levels, maps, strict=True):
-            field, below = level(seen, below, field, points, told, beyond, pixels)
+        pixels = torch.cat([unpacked(image, self.channels).float(), mask], 1)
+        for level, features in zip(self.levels, maps, strict=True):
+            field, below = level(features, below, field, points, facts, beyond, pixels)
         is_prompted = (points.share.sum((2, 3), keepdim=True) > 0).float()
         raw = raw + is_prompted * (points.centre + field / GAIN)
-        enlarged: Tensor = self.enlarging(raw, below, is_prompted)
-        return enlarged
+        return self.enlarging(raw, below, is_prompted)  # type: ignore[no-any-return]
 
 
 class CorrectionLevel(nn.Module):
-    """One stride of the correction.
+    """One stride of the correction, 16 at level 0 to 2 at level 3, with features of ``width``.
 
-    Args:
-        seen: channels of the trained network's feature maps, 0 for none.
-        below: channels of the features of the coarser level.
-        extra: channels of single pixels, at the finest level; else 0.
-        width: channels of the own features.
-        level: 0 for stride 16 to 3 for stride 2.
+    ``channels`` are those of the trained network's maps, 0 for none, ``below`` those of the coarser
+    level, ``extra`` those of single pixels, at the finest level only.
     """
 
-    def __init__(self, seen: Sequence[int], below: int, extra: int, width: int, level: int) -> None:
+    def __init__(
+        self, channels: Sequence[int], below: int, extra: int, width: int, level: int
+    ) -> None:
         super().__init__()
         self.stride, self.is_finest = _COARSEST >> level, extra > 0
         self.log_spread = nn.Parameter(torch.tensor(_SPREADS[level]).log())
         self.log_stiffness = nn.Parameter(torch.tensor(_STIFFNESS).log())
-        self.of_seen = nn.ModuleList(nn.Conv2d(one, width, 1) for one in seen if one)
+        self.of_seen = nn.ModuleList(nn.Conv2d(count, width, 1) for count in channels if count)
         self.of_below = nn.Conv2d(below, _BELOW, 1)
-        given = 8 + extra + _BELOW
-        self.more = -given % _MULTIPLE  # of the first channel, to fill up
-        self.of_known = nn.Conv2d(given + self.more, width, 3, padding=1)
+        inputs = 8 + extra + _BELOW
+        self.more = -inputs % _MULTIPLE  # of the first channel, to fill up
+        self.of_known = nn.Conv2d(inputs + self.more, width, 3, padding=1)
         self.features = nn.Sequential(
             *(ConvNorm(width, width, norm=False) for _ in range(_CONVOLUTIONS[level]))
         )
@@ -152,48 +142,43 @@ class CorrectionLevel(nn.Module):
 
     def forward(
         self,
-        seen: list[Tensor],
+        maps: list[Tensor],
         below: Tensor,
         field: Tensor,
         points: Points,
-        told: Tensor,
+        facts: Tensor,
         beyond: Tensor,
         pixels: Tensor,
     ) -> tuple[Tensor, Tensor]:
         """The finer field of corrections (B, 1, h, w), and features (B, width, h, w).
 
-        Args:
-            seen: (B, seen, h, w), the trained network's feature maps.
-            below: (B, below, h', w'), the features of the coarser level.
-            field: (B, 1, h', w'), the field of the coarser level.
-            points: what is known.
-            told: (B, 2, 1, 1), of all points.
-            beyond: (B, 1, H/2, W/2), predicted less farthest known depth, without the field.
-            pixels: (B, extra, H/2, W/2) of the image and the mask, for the finest level.
+        ``maps`` (B, channels, h, w) are the trained network's, ``below`` and ``field`` those of the
+        coarser level, ``facts`` (B, 2, 1, 1) of all points, ``beyond`` (B, 1, H/2, W/2) predicted
+        less farthest depth, ``pixels`` (B, extra, H/2, W/2) image and mask, at the finest level.
         """
         coarser = resized(field, points.mean)
         count, mean = points.pooled(points.mean - coarser, self.log_spread, self.stride)
         trust = count / (count + self.log_stiffness.exp() / self.stride**2)
         near, total = (F.avg_pool2d(v, 3, 1, 1) for v in (trust, trust * mean))
         spread = total / (near + _PRIOR)
-        given = [trust, near, told * torch.ones_like(mean)]
-        given += [mean, spread, (mean - spread).abs() * trust]
-        given.append(pooled(beyond + coarser, self.stride // 2))
+        inputs = [trust, near, facts * torch.ones_like(mean)]
+        inputs += [mean, spread, (mean - spread).abs() * trust]
+        inputs.append(pooled(beyond + coarser, self.stride // 2))
         if self.is_finest:
-            given += [pixels, points.difference - coarser * points.known]
+            inputs += [pixels, points.difference - coarser * points.known]
         below = self.of_below(below)
         if self.stride < _COARSEST:
             below = resized(below, mean)
             field = coarser if self.is_finest else resized(field, mean)
-        given += [below, *[trust] * self.more]
-        x = self.of_known(torch.cat(given, 1).clamp(-_LARGEST, _LARGEST))
-        for conv, one in zip(self.of_seen, seen, strict=True):
-            x = x + conv(one)
+        inputs += [below, *[trust] * self.more]
+        x = self.of_known(torch.cat(inputs, 1).clamp(-_LARGEST, _LARGEST))
+        for conv, values in zip(self.of_seen, maps, strict=True):
+            x = x + conv(values)
         features = self.features(F.relu(x))
         # Transposed, which of 1 × 1 is the same, as exported ones take half the time.
         weight = self.head.weight.transpose(0, 1)
-        found = F.conv_transpose2d(features, weight, self.head.bias).float()
-        followed, added = found.split_with_sizes([1, 1], 1)
+        outputs = F.conv_transpose2d(features, weight, self.head.bias).float()
+        followed, added = outputs.split_with_sizes([1, 1], 1)
         return field + followed.sigmoid() * spread + added, features
 
 
@@ -211,8 +196,8 @@ class EdgeUpsampling(nn.Module):
         nn.init.zeros_(self.head.bias)  # type: ignore[arg-type]
         near = torch.zeros(4, 4, 3, 3)  # the nearest, beside, above or below, across; new pixels
         for pixel, (y, x) in enumerate(((0, 0), (0, 2), (2, 0), (2, 2))):
-            for which, place in enumerate(((1, 1), (1, x), (y, 1), (y, x))):
-                near[which, pixel, place[0], place[1]] = 1
+            for corner, place in enumerate(((1, 1), (1, x), (y, 1), (y, x))):
+                near[corner, pixel, place[0], place[1]] = 1
         self.register_buffer("near", near.view(16, 1, 3, 3), persistent=False)
         weights = torch.tensor([9.0, 3.0, 3.0, 1.0]).repeat_interleave(4).view(16, 1, 1, 1) / 16
         pixels = weights * torch.eye(4).repeat(4, 1).view(16, 1, 2, 2)
@@ -221,12 +206,9 @@ class EdgeUpsampling(nn.Module):
         self.register_buffer("bilinear", bilinear, persistent=False)
 
     def forward(self, values: Tensor, features: Tensor, is_learned: Tensor) -> Tensor:
-        """Of values (B, 1, h, w), (B, 1, 2 h, 2 w).
+        """Values (B, 1, h, w) at twice their size, by features (B, width, h, w).
 
-        Args:
-            values: to enlarge.
-            features: (B, width, h, w).
-            is_learned: (B, 1, 1, 1), 0 where it is to be bilinear.
+        It is bilinear where ``is_learned`` (B, 1, 1, 1) is 0.
         """
         logits = self.head(features).float().clamp(-_LARGEST_LOGIT, _LARGEST_LOGIT)
         share = (logits * is_learned).exp()
@@ -245,12 +227,7 @@ def neighbours(values: Tensor, kernels: Tensor) -> Tensor:
 
 
 def coded_prompt(prompt_m: Tensor, codec: DepthCodec) -> tuple[Tensor, Tensor]:
-    """Known depth as the network takes it: coded, and its mask; both (B, 1, H, W) float.
-
-    Args:
-        prompt_m: (B, 1, H, W) metres, 0 where nothing is known.
-        codec: of logarithmic depth.
-    """
-    known = prompt_m > 0
-    coded = (torch.where(known, prompt_m, 1.0).log() - codec.shift) / codec.scale
-    return coded * known, known.float()
+    """Known depth (B, 1, H, W) in metres, 0 for none, as the network takes it: code and mask."""
+    mask = prompt_m > 0
+    coded = (torch.where(mask, prompt_m, 1.0).log() - codec.shift) / codec.scale
+    return coded * mask, mask.float()

@@ -1,11 +1,11 @@
 """The generator of the paper: ``resnet_9blocks`` (Johnson et al. 2016) with a final skip."""
 
 from collections.abc import Sequence
-from typing import Literal
 
 import torch
 from torch import Tensor, nn
 
+from depthcli.lab.training.config import GeneratorConfig
 from depthcli.lab.training.networks.layers import BlurDown, InstanceNorm, init_weights
 
 
@@ -13,32 +13,22 @@ class ResnetGenerator(nn.Module):
     """Image to image of the same size, in [-1, 1].
 
     Instance norm without affine parameters after every convolution makes it invariant to the
-    input's mean and contrast. Where it has several input channels, an image of one is repeated.
-
-    The arguments are fields of :class:`~depthcli.lab.training.config.GeneratorConfig`. The final
+    input's mean and contrast. An image of one channel is repeated for others. The ``residual``
     connection ``stem`` adds the features after the first layer to the last map, ``input`` adds α·x
     before the tanh with α learned.
     """
 
     TAPS = ("input", "down1", "down2", "block1", "block5")
 
-    def __init__(
-        self,
-        width: int = 64,
-        blocks: int = 9,
-        *,
-        antialias: bool = False,
-        residual: Literal["none", "stem", "input"],
-        channels: int = 1,
-        outputs: int = 1,
-    ) -> None:
+    def __init__(self, config: GeneratorConfig, channels: int = 1, outputs: int = 1) -> None:
         super().__init__()
+        width, antialias, residual = config.width, config.antialias, config.residual
         self.width, self.residual, self.channels = width, residual, channels
         self.pad = nn.ReflectionPad2d(3)
         self.stem = nn.Sequential(nn.Conv2d(channels, width, 7), _norm_relu(width))
         self.down1 = _Down(width, 2 * width, antialias=antialias)
         self.down2 = _Down(2 * width, 4 * width, antialias=antialias)
-        self.blocks = nn.ModuleList(_Block(4 * width) for _ in range(blocks))
+        self.blocks = nn.ModuleList(_Block(4 * width) for _ in range(config.blocks))
         self.up1 = _up(4 * width, 2 * width, antialias=antialias)
         self.up2 = _up(2 * width, width, antialias=antialias)
         self.head = nn.Sequential(nn.ReflectionPad2d(3), nn.Conv2d(width, outputs, 7))
@@ -53,8 +43,8 @@ class ResnetGenerator(nn.Module):
     def features(self, x: Tensor, taps: Sequence[str] = TAPS) -> list[Tensor]:
         """Encoder feature maps of x (B, channels or 1, H, W) for the given taps.
 
-        They are the padded input, both downsampling convolutions before their norm, and the first
-        and fifth residual block (the last if there are fewer).
+        They are the padded input, both downsampling convolutions before their norm, and the
+        residual blocks 1 and 5 (or the last).
         """
         maps = {"input": self._padded(x)}
         maps["down1"] = self.down1.conv(self.stem(maps["input"]))
@@ -68,8 +58,7 @@ class ResnetGenerator(nn.Module):
         return [maps[tap] for tap in taps]
 
     def _padded(self, x: Tensor) -> Tensor:
-        padded: Tensor = self.pad(x.expand(-1, self.channels, -1, -1))
-        return padded
+        return self.pad(x.expand(-1, self.channels, -1, -1))  # type: ignore[no-any-return]
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, channels or 1, H, W) to (B, outputs, H, W); H and W multiples of 4."""

@@ -69,27 +69,27 @@ def test_method_trains_on_colour_exports_and_predicts(tmp_path: Path, name: str)
     assert depth.kind is DepthKind.METRIC
     assert depth.values.shape == (frame.height, frame.width)
     generator, checkpoint = load_generator(tmp_path / CHECKPOINT)
-    picture = torch.from_numpy(prepare(pipeline.card.input, frame)[0])
+    image = torch.from_numpy(prepare(pipeline.card.input, frame)[0])
     method = build_method(checkpoint.config)
     method.load_state_dict(checkpoint.method)
     with torch.no_grad():
-        raw = generator(picture)
-        assert torch.equal(raw, method.generator.eval()(picture))  # G, never F beside it
-        assert not torch.equal(raw, generator(picture.flip(1)))
+        raw = generator(image)
+        assert torch.equal(raw, method.generator.eval()(image))  # G, never F beside it
+        assert not torch.equal(raw, generator(image.flip(1)))
     wanted_m = checkpoint.config.output.codec.decode(raw.numpy())
     assert float(np.mean(depth.values)) == pytest.approx(float(wanted_m.mean()), rel=0.01)
-    np.testing.assert_allclose(pipeline.session.run(picture.numpy()), raw[:, 0], atol=1e-4)
+    np.testing.assert_allclose(pipeline.session.run(image.numpy()), raw[:, 0], atol=1e-4)
     if isinstance(method, TwoWay) and method.backward_generator:
-        assert method.backward_generator(picture).shape == picture.shape
+        assert method.backward_generator(image).shape == image.shape
 
 
 UNPAIRED_METHODS = sorted(set(PAPER_METHODS) - {"proposed"})
 
 
-def _gradient(name: str, picture: int, depth: int, **loss: Any) -> Tensor:
-    """What one step would move every weight by, for one of two pictures and depth maps."""
+def _gradient(name: str, image: int, depth: int, **loss: Any) -> Tensor:
+    """What one step would move every weight by, for one of two images and depth maps."""
     method = tiny_method(name, **loss)
-    seen = batch(picture)._replace(depth_m=batch(depth).depth_m)
+    seen = batch(image)._replace(depth_m=batch(depth).depth_m)
     torch.manual_seed(5)
     for phase in method.phases:
         torch.stack(list(method(seen, phase).values())).sum().backward()
@@ -97,9 +97,9 @@ def _gradient(name: str, picture: int, depth: int, **loss: Any) -> Tensor:
 
 
 def _interaction(name: str, **loss: Any) -> float:
-    """How much the gradient of a pair is more than a part of its picture and one of its depth.
+    """How much the gradient of a pair is more than a part of its image and one of its depth.
 
-    Where losses are sums of what looks at pictures and what looks at depth maps, exchanging the
+    Where losses are sums of what looks at images and what looks at depth maps, exchanging the
     depth maps of two pairs leaves the sum of the two gradients as it was.
     """
     own = _gradient(name, 0, 0, **loss) + _gradient(name, 1, 1, **loss)
@@ -107,7 +107,7 @@ def _interaction(name: str, **loss: Any) -> float:
     return float((own - exchanged).norm() / own.norm())
 
 
-# SimDCL's similarity compares a picture with a fake that is made of the depth map: it is defined
+# SimDCL's similarity compares an image with a fake that is made of the depth map: it is defined
 # across both lists, so that alone keeps it from pairs that they are drawn apart.
 @pytest.mark.parametrize("name", UNPAIRED_METHODS)
 def test_exchanging_depth_maps_changes_nothing_for_an_unpaired_method(name: str) -> None:

@@ -26,7 +26,8 @@ def _generator(
     name: str = FAMILIES[0], norm: str = "decoder", channels: int = 1
 ) -> EncoderGenerator:
     torch.manual_seed(0)
-    network = EncoderGenerator(name, DECODER, 0.0, norm=norm, channels=channels)
+    config = GeneratorConfig("encoder", encoder=name, decoder=DECODER, norm=norm)
+    network = EncoderGenerator(config, channels)
     torch.nn.init.normal_(network.head.weight)
     return network.eval()
 

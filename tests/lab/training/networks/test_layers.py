@@ -14,7 +14,7 @@ from depthcli.lab.training.networks.efficient import EfficientGenerator
 from depthcli.lab.training.networks.layers import BlurDown, InstanceNorm
 from depthcli.lab.training.networks.resnet import ResnetGenerator
 
-GROW = ResnetGenerator(2, 1, antialias=True, residual="none").up1[0]
+GROW = ResnetGenerator(GeneratorConfig(width=2, blocks=1, antialias=True)).up1[0]
 
 
 def _down(image: np.ndarray) -> np.ndarray:
@@ -71,14 +71,14 @@ LAYOUTS = (torch.contiguous_format, torch.channels_last)
 
 
 @pytest.mark.parametrize("training", [True, False])
-@pytest.mark.parametrize("pictures", [1, 2])
+@pytest.mark.parametrize("images", [1, 2])
 @pytest.mark.parametrize(("layout", "of_gradient"), [*itertools.product(LAYOUTS, LAYOUTS)])
 def test_outputs_and_gradients_are_those_of_the_formula(
-    pictures: int, training: bool, layout: torch.memory_format, of_gradient: torch.memory_format
+    images: int, training: bool, layout: torch.memory_format, of_gradient: torch.memory_format
 ) -> None:
     torch.manual_seed(0)
-    values = 3 * torch.randn(pictures, 4, 6, 5) + 2
-    weights = torch.randn(pictures, 4, 6, 5)
+    values = 3 * torch.randn(images, 4, 6, 5) + 2
+    weights = torch.randn(images, 4, 6, 5)
 
     exact = values.double().requires_grad_()
     centred = exact - exact.mean((2, 3), keepdim=True)
@@ -104,16 +104,16 @@ SMALL = {
 
 def _small(*, norm: bool = True) -> EfficientGenerator:
     torch.manual_seed(0)
-    return EfficientGenerator(**SMALL, dropout=0.0, norm=norm).eval()
+    return EfficientGenerator(GeneratorConfig(**SMALL, norm="batch" if norm else "none")).eval()
 
 
 @pytest.mark.parametrize("size", [(64, 64), (48, 64), (33, 47), (31, 95), (1, 1)])
-def test_output_is_half_the_size_of_any_picture(size: tuple[int, int]) -> None:
+def test_output_is_half_the_size_of_any_image(size: tuple[int, int]) -> None:
     output = _small()(torch.rand(2, 1, *size))
     assert output.shape == (2, 1, (size[0] + 1) // 2, (size[1] + 1) // 2)
 
 
-def test_taps_are_known_before_any_picture() -> None:
+def test_taps_are_known_before_any_image() -> None:
     network = _small()
     maps = network.features(torch.rand(1, 1, 64, 32))
     assert [network.tap_channels(tap) for tap in network.TAPS] == [m.shape[1] for m in maps]
@@ -186,6 +186,6 @@ def test_is_its_layers(norm: bool) -> None:
             drawn = torch.randn(values.shape, generator=random)
             values.copy_(drawn.abs() + 0.5 if name.endswith("running_var") else 0.3 * drawn)
     for size in ((64, 32), (33, 47)):
-        picture = torch.rand(2, 1, *size, generator=random) * 2 - 1
-        torch.testing.assert_close(network(picture), _by_hand(weights, picture))
+        image = torch.rand(2, 1, *size, generator=random) * 2 - 1
+        torch.testing.assert_close(network(image), _by_hand(weights, image))
     assert any(name.endswith("0.bias") for name in weights) is not norm

@@ -6,6 +6,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
+from depthcli.lab.training.config import GeneratorConfig
 from depthcli.lab.training.networks.layers import BlurDown, InstanceNorm
 from depthcli.lab.training.networks.patch import PatchGan, PatchSampler, SimilarityMap
 from depthcli.lab.training.networks.resnet import ResnetGenerator
@@ -15,7 +16,8 @@ TAP_CHANNELS = {"input": 1, "down1": 128, "down2": 256, "block1": 256, "block5":
 
 def _small(**options: object) -> ResnetGenerator:
     torch.manual_seed(0)
-    return ResnetGenerator(8, 2, **{"residual": "none"} | options).eval()
+    config = GeneratorConfig(**{"width": 8, "blocks": 2, "residual": "none"} | options)
+    return ResnetGenerator(config).eval()
 
 
 def _grown(**options: object) -> ResnetGenerator:
@@ -35,13 +37,13 @@ def _parameters(network: nn.Module) -> int:
 @pytest.mark.parametrize(("residual", "more"), [("none", 0), ("stem", 0), ("input", 1)])
 def test_paper_size_has_the_papers_parameters(antialias: bool, residual: str, more: int) -> None:
     with torch.device("meta"):
-        network = ResnetGenerator(antialias=antialias, residual=residual)
+        network = ResnetGenerator(GeneratorConfig(antialias=antialias, residual=residual))
     assert _parameters(network) == 11_365_633 + more
 
 
-def test_tap_channels_are_known_before_any_picture() -> None:
+def test_tap_channels_are_known_before_any_image() -> None:
     with torch.device("meta"):
-        network, image = ResnetGenerator(residual="none"), torch.zeros(2, 1, 64, 32)
+        network, image = ResnetGenerator(GeneratorConfig()), torch.zeros(2, 1, 64, 32)
     maps = network.features(image)
     assert [network.tap_channels(tap) for tap in network.TAPS] == [m.shape[1] for m in maps]
     assert {tap: network.tap_channels(tap) for tap in network.TAPS} == TAP_CHANNELS
@@ -50,8 +52,7 @@ def test_tap_channels_are_known_before_any_picture() -> None:
 
 
 def test_taps_are_what_they_are_called() -> None:
-    torch.manual_seed(0)
-    network = ResnetGenerator(4, 6, residual="none")
+    network = _small(width=4, blocks=6).train()
     image, seen = torch.randn(1, 1, 16, 16), {}
     modules = {"input": network.pad, "down1": network.down1.conv, "down2": network.down2.conv}
     modules |= {"block1": network.blocks[0], "block5": network.blocks[4]}
@@ -84,8 +85,7 @@ def test_input_residual_sees_brightness_once_its_gain_is_learned() -> None:
 
 @pytest.mark.parametrize("antialias", [False, True])
 def test_first_weights(antialias: bool) -> None:
-    torch.manual_seed(0)
-    network = ResnetGenerator(32, 1, antialias=antialias, residual="none")
+    network = _small(width=32, blocks=1, antialias=antialias)
     layers = [m for m in network.modules() if isinstance(m, (nn.Conv2d, nn.ConvTranspose2d))]
     assert len(layers) == 8
     for layer in layers:
@@ -135,13 +135,13 @@ def _by_hand(network: ResnetGenerator, x: Tensor, *, antialias: bool) -> Tensor:
 @pytest.mark.parametrize("antialias", [False, True])
 @pytest.mark.parametrize("residual", ["none", "stem", "input"])
 def test_is_its_layers(antialias: bool, residual: str) -> None:
-    network, picture = _grown(antialias=antialias, residual=residual), torch.rand(2, 1, 20, 16)
+    network, image = _grown(antialias=antialias, residual=residual), torch.rand(2, 1, 20, 16)
     with torch.no_grad():
         for name, weight in network.named_parameters():
             if weight.ndim < 2:
                 weight.normal_(std=0.5 if name == "input_gain" else 0.05)
-    wanted = _by_hand(network, picture, antialias=antialias)
-    torch.testing.assert_close(network(picture), wanted, atol=1e-4, rtol=1e-4)
+    wanted = _by_hand(network, image, antialias=antialias)
+    torch.testing.assert_close(network(image), wanted, atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("antialias", [False, True])

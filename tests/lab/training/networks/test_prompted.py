@@ -18,6 +18,7 @@ from depthcli.lab.export.onnx import ExportOptions, export_checkpoint
 from depthcli.lab.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.lab.training.config import GeneratorConfig, TrainConfig
 from depthcli.lab.training.methods.prompted import nearer_far_away
+from depthcli.lab.training.networks.build import build_generator
 from depthcli.lab.training.networks.efficient import EfficientGenerator
 from depthcli.lab.training.networks.encoder import EncoderGenerator
 from depthcli.lab.training.networks.points import GAIN, Points, robust_mean
@@ -29,13 +30,11 @@ WIDTHS = (8, 8, 8, 8)
 
 def _base(kind: str = "efficient") -> EfficientGenerator | EncoderGenerator:
     torch.manual_seed(0)
-    made: EfficientGenerator | EncoderGenerator
-    if kind == "efficient":
-        made = EfficientGenerator((8,) * 5, (8,) * 4, (1,) * 4, 0.1, norm=True)
-    else:
-        made = EncoderGenerator("test_resnet", (8,) * 4, 0.0, norm="batch")
-    nn.init.normal_(made.head.weight)
-    return made
+    encoder = "test_resnet" if kind == "encoder" else (8,) * 5
+    config = GeneratorConfig(kind, encoder=encoder, decoder=(8,) * 4, depths=(1,) * 4, dropout=0.1)
+    network: EfficientGenerator | EncoderGenerator = build_generator(config)
+    nn.init.normal_(network.head.weight)
+    return network
 
 
 def _known(height: int = 36, width: int = 64) -> tuple[Tensor, Tensor, Tensor]:
