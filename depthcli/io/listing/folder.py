@@ -35,22 +35,22 @@ class Skipped(NamedTuple):
 def skip_summary(skipped: Sequence[Skipped]) -> str:
     """Number of skipped files and reasons: ``3 files skipped (2 .txt, 1 hidden)``."""
     counts = Counter(file.reason for file in skipped).most_common()
-    shown = [f"{count} {reason}" for reason, count in counts[:_MAX_REASONS]]
+    reasons = [f"{count} {reason}" for reason, count in counts[:_MAX_REASONS]]
     if len(counts) > _MAX_REASONS:
-        shown.append(f"{sum(count for _, count in counts[_MAX_REASONS:])} others")
+        reasons.append(f"{sum(count for _, count in counts[_MAX_REASONS:])} others")
     files = "file" if len(skipped) == 1 else "files"
-    return f"{len(skipped)} {files} skipped ({', '.join(shown)})"
+    return f"{len(skipped)} {files} skipped ({', '.join(reasons)})"
 
 
 def conversion_hint(skipped: Sequence[Skipped]) -> str | None:
     """Advice about images of formats that are not read in a folder; None if there are none."""
-    found = Counter(file.reason for file in skipped)
-    unread = sorted(suffix for suffix in found if suffix in (*EXTRAS, *CAMERA_RAW))
+    counts = Counter(file.reason for file in skipped)
+    unread = sorted(suffix for suffix in counts if suffix in (*EXTRAS, *CAMERA_RAW))
     if not unread:
         return None
     installs = sorted({EXTRAS[suffix][1] for suffix in unread if suffix in EXTRAS})
     return (
-        f"{sum(found[suffix] for suffix in unread)} skipped of formats that are not read "
+        f"{sum(counts[suffix] for suffix in unread)} skipped of formats that are not read "
         f"({', '.join(unread)}); {', or '.join(('convert to JPEG, PNG or TIFF', *installs))}"
     )
 
@@ -121,18 +121,18 @@ def list_folder(
     if isinstance(place, RemotePath):
         return _list_objects(place, path_of(leave_out or ""), skip, refusal)
     avoided = (leave_out and _identity(leave_out)) or ()
-    found = Listing([], [], [])
+    listing = Listing([], [], [])
     above: dict[str, tuple[_Identity, ...]] = {root: (_identity(root),)}  # of folders to enter
     named = partial(_name_below, root)
 
     def not_listed(error: OSError) -> None:
         problem = f"{error.filename} cannot be listed: {error.strerror}"
-        found.media.append(InputFile(named(error.filename) or ".", error.filename, problem))
+        listing.media.append(InputFile(named(error.filename) or ".", error.filename, problem))
 
     for folder, folders, files in os.walk(root, onerror=not_listed, followlinks=True):
         inside, outer = partial(os.path.join, folder), above.pop(folder)
         for path in map(inside, sorted(files, key=os.fsencode)):
-            found.add(named(path), path, refusal(path))
+            listing.add(named(path), path, refusal(path))
         children, folders[:] = sorted(folders, key=os.fsencode), ()
         for child in children:
             path = inside(child)
@@ -140,13 +140,13 @@ def list_folder(
                 continue
             identity = _identity(path)
             if child in SYSTEM_FOLDERS:
-                found.skipped.append(Skipped(named(path), child))
+                listing.skipped.append(Skipped(named(path), child))
             elif identity in outer:
-                found.loops.append(named(path))
+                listing.loops.append(named(path))
             elif identity != avoided:
                 folders.append(child)
                 above[path] = (*outer, identity)
-    return found
+    return listing
 
 
 def _name_below(root: str, path: str) -> str:
@@ -162,7 +162,7 @@ def _list_objects(
     """Walk the objects of a store, in the order of a local folder."""
     out = f"{leave_out.relative_to(root)}/" if leave_out.is_relative_to(root) else None
     start, folder, is_entered = f"{root.base}/{root.key}".rstrip("/"), None, True
-    found = Listing([], [], [])
+    listing = Listing([], [], [])
     with os_errors_as(UsageError, f"{root} cannot be listed"):
         for name in root.walk_names():
             above = name.rpartition("/")[0]
@@ -171,11 +171,11 @@ def _list_objects(
             # Some tools create an empty object for the folder itself.
             if not name or not is_entered or (out and name.startswith(out)):
                 continue
-            found.add(name, f"{start}/{name}", refusal(f"{start}/{name}"))
+            listing.add(name, f"{start}/{name}", refusal(f"{start}/{name}"))
     if folder is None:
         raise UsageError(f"{root} is not a folder", "name one, or give {files} a list")
-    found.media.sort(key=lambda file: _walk_sort_key(file.name))
-    return found
+    listing.media.sort(key=lambda file: _walk_sort_key(file.name))
+    return listing
 
 
 def _walk_sort_key(name: str) -> list[tuple[bool, bytes]]:
@@ -213,8 +213,8 @@ class RealPaths:
 
     def all_of(self, path: str | Path) -> set[str]:
         """Names of the file, and of the target if it is a link."""
-        own = self.of(path)
-        return {own, os.path.realpath(own)} if os.path.islink(own) else {own}  # noqa: PTH114
+        place = self.of(path)
+        return {place, os.path.realpath(place)} if os.path.islink(place) else {place}  # noqa: PTH114
 
 
 _WILDCARDS = {"**/": "(?:.*/)?", "**": ".*", "*": "[^/]*", "?": "[^/]"}
@@ -243,8 +243,8 @@ class NameFilter(NamedTuple):
             self.excludes("/".join(parts[: at + 1])) for at in range(len(parts))
         ):
             return EXCLUDED
-        wanted = not self.include or any(p.fullmatch(name) for p in self.include)
-        return None if wanted else NOT_INCLUDED
+        is_included = not self.include or any(p.fullmatch(name) for p in self.include)
+        return None if is_included else NOT_INCLUDED
 
     def excludes(self, name: str) -> bool:
         """Whether a file or folder is excluded by its own name."""

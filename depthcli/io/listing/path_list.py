@@ -156,24 +156,24 @@ def open_parquet(path: Path) -> Iterator[pq.ParquetFile]:
 
 def _select_column(columns: Sequence[str], column: str | None, path: Path) -> str:
     """The name of the column to read: the given one, the only one, or ``path``."""
-    wanted = column or (columns[0] if len(columns) == 1 else PATHS)
-    if wanted not in columns:
+    name = column or (columns[0] if len(columns) == 1 else PATHS)
+    if name not in columns:
         there = f"its columns are {', '.join(columns)}" if columns else "it has no columns"
-        raise UsageError(f"{path} has no column {wanted!r}; {there}", "name one with {column}")
-    return wanted
+        raise UsageError(f"{path} has no column {name!r}; {there}", "name one with {column}")
+    return name
 
 
 def _text_column(file: pq.ParquetFile, column: str | None, path: Path) -> str:
     import pyarrow as pa  # noqa: PLC0415 - an extra
 
     schema = file.schema_arrow
-    wanted = _select_column(schema.names, column, path)
-    kind = schema.field(wanted).type
+    name = _select_column(schema.names, column, path)
+    kind = schema.field(name).type
     if pa.types.is_dictionary(kind):
         kind = kind.value_type
     if not (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
-        raise UsageError(f"column {wanted!r} of {path} holds {kind}, not texts; name another one")
-    return wanted
+        raise UsageError(f"column {name!r} of {path} holds {kind}, not texts; name another one")
+    return name
 
 
 def column_texts(path: Path, column: str | None) -> Iterator[str]:
@@ -181,10 +181,10 @@ def column_texts(path: Path, column: str | None) -> Iterator[str]:
     parts = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
     if not parts:
         raise UsageError(f"no .parquet file in {path}")
-    for one in parts:  # before any is read
-        with open_parquet(one) as file:
-            _text_column(file, column, one)
-    for one in parts:
-        with open_parquet(one) as file:
-            for batch in file.iter_batches(columns=[_text_column(file, column, one)]):
+    for part in parts:  # before any is read
+        with open_parquet(part) as file:
+            _text_column(file, column, part)
+    for part in parts:
+        with open_parquet(part) as file:
+            for batch in file.iter_batches(columns=[_text_column(file, column, part)]):
                 yield from filter(None, batch.column(0).to_pylist())
