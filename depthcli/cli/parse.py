@@ -75,14 +75,11 @@ def writer_options(options: groups.WritingOptions) -> WriterOptions:
 
 def _check_colours(options: PreviewOptions) -> None:
     """UsageError if a near colour is for another colormap."""
-    is_gray = options.colormap is choices.Colormap.GRAY
-    if options.near in {None, choices.Near.WARM}:
-        fits = options.near is None or not is_gray
-    else:
-        fits = options.colormap is None or is_gray
-    if not fits:
+    colormap, near = options.colormap, options.near
+    is_of_gray = near is not choices.Near.WARM
+    if near and colormap and is_of_gray != (colormap is choices.Colormap.GRAY):
         advice = "white and black are for gray, warm is for the other colormaps"
-        raise UsageError(f"{options.near} does not fit {options.colormap}", advice, option="near")
+        raise UsageError(f"{near} does not fit {colormap}", advice, option="near")
 
 
 def camera(options: groups.PinholeOptions) -> Intrinsics:

@@ -417,11 +417,6 @@ class DepthCodec(NamedTuple):
     shift: float = 0.0  #: added after the factor
 
     @classmethod
-    def linear_m(cls, max_m: float) -> Self:
-        """Raw [-1, 1] to [0, max_m] metres, the paper's normalization."""
-        return cls(Transform.LINEAR, max_m / 2, max_m / 2)
-
-    @classmethod
     def log_m(cls, min_m: float, max_m: float) -> Self:
         """Raw [-1, 1] to [min_m, max_m] metres, evenly in log depth."""
         low, high = float(np.log(min_m)), float(np.log(max_m))

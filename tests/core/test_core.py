@@ -112,7 +112,7 @@ def test_decoding_is_its_formula(transform: Transform) -> None:
 def test_codings_put_their_ends_at_minus_one_and_one() -> None:
     """Linear is the paper's."""
     for codec, ends in (
-        (DepthCodec.linear_m(10), (0, 10)),
+        (DepthCodec(scale=5, shift=5), (0, 10)),
         (DepthCodec.log_m(0.4, 10), (0.4, 10)),
         (DepthCodec(), (-1, 1)),
     ):

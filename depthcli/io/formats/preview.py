@@ -1,6 +1,5 @@
-"""A preview of a depth map: a colormap over inverse depth, near is warm; legends and sheets."""
+"""A preview of a depth map: a colormap over inverse depth, near is warm; legends."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -34,10 +33,6 @@ _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _REFERENCE_HEIGHT = 480  # at this height the scale is 1
 _THOUSAND = 1000
 _MIN_SIZE = 0.9  # smaller text loses its decimal points
-_BACKGROUND, _TEXT_COLOUR = 255, (24, 24, 24)
-_GAP_PX = 4
-_TITLE_PX = 26
-_SIZE = 0.5  # of a title
 
 
 def colour_table(name: Colormap, near: Near = Near.WARM) -> UInt8Array:
@@ -98,39 +93,6 @@ def label(value: float, kind: DepthKind) -> str:
     else:
         digits = f"{value:.0f}" if abs(value) < 100 * _THOUSAND else f"{value:.2g}"
     return f"{digits} m" if kind is DepthKind.METRIC else digits
-
-
-def contact_sheet(rows: Sequence[Sequence[UInt8Array]], titles: Sequence[str]) -> UInt8Array:
-    """Arrange pictures (H, W, 3) RGB uint8 on a white sheet, (H', W', 3) RGB uint8.
-
-    A column is as wide as its widest picture, a row as high as its highest. In the titles of the
-    columns, characters beyond ASCII become "?".
-    """
-    widths = [max(p.shape[1] for p in column) for column in zip(*rows, strict=True)]
-    heights = [max(picture.shape[0] for picture in row) for row in rows]
-    lefts = [_GAP_PX + sum(widths[:i]) + i * _GAP_PX for i in range(len(widths))]
-    tops = [_TITLE_PX + sum(heights[:i]) + i * _GAP_PX for i in range(len(heights))]
-    size = (tops[-1] + heights[-1] + _GAP_PX, lefts[-1] + widths[-1] + _GAP_PX, 3)
-    sheet = np.full(size, _BACKGROUND, np.uint8)
-    for title, left, width in zip(titles, lefts, widths, strict=True):
-        sheet[:_TITLE_PX, left : left + width] = _title(title, width)
-    for row, top in zip(rows, tops, strict=True):
-        for picture, left in zip(row, lefts, strict=True):
-            height, width = picture.shape[:2]
-            sheet[top : top + height, left : left + width] = picture
-    return sheet
-
-
-def _title(text: str, width: int) -> UInt8Array:
-    """(26, width, 3): the text in the middle, smaller if it is long."""
-    text = text.encode("ascii", "replace").decode()
-    band = np.full((_TITLE_PX, width, 3), _BACKGROUND, np.uint8)
-    (text_width, _), _ = cv2.getTextSize(text, _FONT, _SIZE, 1)
-    size = _SIZE * min(1.0, (width - 2) / max(text_width, 1))
-    (text_width, text_height), _ = cv2.getTextSize(text, _FONT, size, 1)
-    origin = ((width - text_width) // 2, (_TITLE_PX + text_height) // 2)
-    cv2.putText(band, text, origin, _FONT, size, _TEXT_COLOUR, 1, cv2.LINE_AA)
-    return band
 
 
 _NEAREST_M = 1e-6

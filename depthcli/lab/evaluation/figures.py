@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from depthcli.core.arrays import Float32Array, UInt8Array
@@ -11,13 +12,17 @@ from depthcli.core.options import Colormap
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import UsageError
-from depthcli.io.formats.preview import PreviewWriter, colour_table, contact_sheet, with_legend
+from depthcli.io.formats.preview import PreviewWriter, colour_table, with_legend
 from depthcli.io.images.png import encode_png
 from depthcli.lab.datasets.base import DepthDataset
 from depthcli.lab.evaluation.predictors import Predictor, Sample
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.evaluation.task import EvalTask
 from depthcli.lab.metrics.alignment import SUITABLE
+
+_FONT, _SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.5  # of a title
+_BACKGROUND, _TEXT_COLOUR = 255, (24, 24, 24)
+_GAP_PX, _TITLE_PX = 4, 26
 
 IMAGES = 6
 _CELL_WIDTH_PX = 240
@@ -113,3 +118,36 @@ def _images_of_row(
     if colormap is not Colormap.GRAY:
         cells[-1] = with_legend(cells[-1], colour_table(colormap), near, far, DepthKind.METRIC)
     return cells
+
+
+def contact_sheet(rows: Sequence[Sequence[UInt8Array]], titles: Sequence[str]) -> UInt8Array:
+    """Arrange images (H, W, 3) RGB uint8 on a white sheet, (H', W', 3) RGB uint8.
+
+    A column is as wide as its widest image, a row as high as its highest. In the titles of the
+    columns, characters beyond ASCII become "?".
+    """
+    widths = [max(p.shape[1] for p in column) for column in zip(*rows, strict=True)]
+    heights = [max(image.shape[0] for image in row) for row in rows]
+    lefts = [_GAP_PX + sum(widths[:i]) + i * _GAP_PX for i in range(len(widths))]
+    tops = [_TITLE_PX + sum(heights[:i]) + i * _GAP_PX for i in range(len(heights))]
+    size = (tops[-1] + heights[-1] + _GAP_PX, lefts[-1] + widths[-1] + _GAP_PX, 3)
+    sheet = np.full(size, _BACKGROUND, np.uint8)
+    for title, left, width in zip(titles, lefts, widths, strict=True):
+        sheet[:_TITLE_PX, left : left + width] = _title(title, width)
+    for row, top in zip(rows, tops, strict=True):
+        for image, left in zip(row, lefts, strict=True):
+            height, width = image.shape[:2]
+            sheet[top : top + height, left : left + width] = image
+    return sheet
+
+
+def _title(text: str, width: int) -> UInt8Array:
+    """(26, width, 3): the text in the middle, smaller if it is long."""
+    text = text.encode("ascii", "replace").decode()
+    band = np.full((_TITLE_PX, width, 3), _BACKGROUND, np.uint8)
+    (text_width, _), _ = cv2.getTextSize(text, _FONT, _SIZE, 1)
+    size = _SIZE * min(1.0, (width - 2) / max(text_width, 1))
+    (text_width, text_height), _ = cv2.getTextSize(text, _FONT, size, 1)
+    origin = ((width - text_width) // 2, (_TITLE_PX + text_height) // 2)
+    cv2.putText(band, text, origin, _FONT, size, _TEXT_COLOUR, 1, cv2.LINE_AA)
+    return band

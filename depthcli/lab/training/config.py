@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 from depthcli.core.options import MILLIMETRES, Rule
-from depthcli.core.types import DepthCodec
+from depthcli.core.types import DepthCodec, Transform
 from depthcli.core.validation import FieldError, merged
 from depthcli.errors import UsageError
 from depthcli.lab.metrics.depth import METRICS
@@ -111,7 +111,7 @@ class OutputConfig:
     def codec(self) -> DepthCodec:
         """The mapping between raw outputs and metres."""
         if self.coding == "linear":
-            return DepthCodec.linear_m(self.max_m)
+            return DepthCodec(Transform.LINEAR, self.max_m / 2, self.max_m / 2)
         return DepthCodec.log_m(self.min_m, self.max_m)
 
 

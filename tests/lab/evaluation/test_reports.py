@@ -12,9 +12,9 @@ from helpers.watched import Watched
 from depthcli._version import __version__
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import UsageError
-from depthcli.io.formats.preview import PreviewWriter, contact_sheet
+from depthcli.io.formats.preview import PreviewWriter
 from depthcli.lab.datasets.base import ALL_PAIRS, Split, SplitName
-from depthcli.lab.evaluation.figures import Figure, choose_images, draw_figures
+from depthcli.lab.evaluation.figures import Figure, choose_images, contact_sheet, draw_figures
 from depthcli.lab.evaluation.page import Page, html_page, report_page
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.evaluation.report import EvalReport, ImageScores, ReportRow, Source
