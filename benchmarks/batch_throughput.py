@@ -1,13 +1,13 @@
 """How near ``depthcli batch`` comes to what the machine can do, on 640×480 JPEG to 16-bit PNG.
 
 Three figures of merit, from whole processes that take turns. The share of the limit (at least 0.9),
-where the limit is cores divided by the summed CPU seconds of all stages of one picture, each
+where the limit is cores divided by the summed CPU seconds of all stages of one image, each
 measured alone in one thread. The ratio to a plain script of cv2.imread, session.run and
-cv2.imwrite, one picture after another, on the same model (at least 2). The ratio to ``batch`` in
+cv2.imwrite, one image after another, on the same model (at least 2). The ratio to ``batch`` in
 one process, which differs on more than four cores. The script enlarges depth bilinearly, which is
 less work than what ``batch`` does unless told ``--upsample bilinear``, and runs the network on
 onnxruntime's own CPU code whatever ``--provider`` says.
-Run: ``python benchmarks/batch_throughput.py [--pictures 500] [--rounds 3] [--upsample bilinear]
+Run: ``python benchmarks/batch_throughput.py [--images 500] [--rounds 3] [--upsample bilinear]
 [--model fast] [--provider openvino --provider-option KEY=VALUE ...]``
 """
 
@@ -49,10 +49,8 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def measure_stages(
-    pictures: Sequence[Path], out: Path, options: argparse.Namespace
-) -> tools.Stages:
-    """Each stage of ``batch`` in one thread, after five pictures unmeasured."""
+def measure_stages(images: Sequence[Path], out: Path, options: argparse.Namespace) -> tools.Stages:
+    """Each stage of ``batch`` in one thread, after five images unmeasured."""
     cv2.setNumThreads(1)
     settings = dict(setting.split("=", 1) for setting in options.provider_option)
     loader = SessionLoader(options.model, options.provider, threads=1, provider_options=settings)
@@ -61,7 +59,7 @@ def measure_stages(
     origin = CacheKey("0" * 64, model.card.name, model.sha256, "")
     journal = Journal(out.parent / "rows")
     stages = tools.Stages()
-    for number, path in enumerate(pictures):
+    for number, path in enumerate(images):
         if number == _UNMEASURED:
             stages = tools.Stages()
         data = stages("read", path.read_bytes)
@@ -80,7 +78,7 @@ def main() -> None:
     """Measure and print."""
     options = tools.parse_options(
         __doc__,
-        pictures=500,
+        images=500,
         rounds=3,
         upsample=Upsampling.GUIDED,
         model="default",
@@ -89,13 +87,13 @@ def main() -> None:
     )
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        pictures = tools.write_pictures(folder / "in", options.pictures)
-        size = statistics.mean(path.stat().st_size for path in pictures)
-        print(f"{len(pictures)} pictures of {size / 1000:.0f} KB, {usable_cores()} cores")
-        compare(folder, pictures, options)
+        images = tools.write_images(folder / "in", options.images)
+        size = statistics.mean(path.stat().st_size for path in images)
+        print(f"{len(images)} images of {size / 1000:.0f} KB, {usable_cores()} cores")
+        compare(folder, images, options)
 
 
-def compare(folder: Path, pictures: list[Path], options: argparse.Namespace) -> None:
+def compare(folder: Path, images: list[Path], options: argparse.Namespace) -> None:
     """Stages, batch and script in turn."""
     source, out = str(folder / "in"), str(folder / "out")
     words = ["batch", source, "--out", out, "--provider", options.provider]
@@ -109,10 +107,10 @@ def compare(folder: Path, pictures: list[Path], options: argparse.Namespace) -> 
     }
     rates: dict[str, list[float]] = {name: [] for name in ("limit", *commands)}
     for _ in range(options.rounds):
-        stages_s = measure_stages(pictures[:65], folder / "one.png", options).each_s()
+        stages_s = measure_stages(images[:65], folder / "one.png", options).each_s()
         rates["limit"].append(usable_cores() / sum(stages_s.values()))
         for name, command in commands.items():
-            rates[name].append(len(pictures) / tools.wall_s(command))
+            rates[name].append(len(images) / tools.wall_s(command))
             shutil.rmtree(out)
         print("  ".join(f"{name} {values[-1]:.1f}/s" for name, values in rates.items()))
     tools.print_stages(stages_s)

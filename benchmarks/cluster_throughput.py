@@ -2,10 +2,10 @@
 
 Both take turns in one process, on one cluster of this machine, each worker with one core. A run is
 measured from the first fifth of its results to the last, so that loading is left out. The figures
-of merit are pictures a second of two workers to those of one (at least 1.8 where two cores are
+of merit are images a second of two workers to those of one (at least 1.8 where two cores are
 free), and the CPU time of the driver for an input, also for empty files, which workers refuse at
-once: it bounds the pictures a second of one driver.
-Run: ``python benchmarks/cluster_throughput.py [--pictures 300] [--rounds 5] [--empty 10000]``
+once: it bounds the images a second of one driver.
+Run: ``python benchmarks/cluster_throughput.py [--images 300] [--rounds 5] [--empty 10000]``
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 import ray
-from tools import parse_options, print_spread, ratios, write_pictures
+from tools import parse_options, print_spread, ratios, write_images
 
 from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader
@@ -28,7 +28,7 @@ CLUSTER_CORES = 2
 
 
 def measured(source: Path, out: Path, workers: int) -> tuple[float, float]:
-    """Pictures a second of a batch into a new folder, and CPU milliseconds of this process each."""
+    """Images a second of a batch into a new folder, and CPU milliseconds of this process each."""
     request = BatchRequest(plan_folder(str(source), str(out)), model=SessionLoader(threads=1))
     batch = Batch(request, engine=RayEngine(workers=workers))
     total = batch.tally.total
@@ -43,14 +43,14 @@ def measured(source: Path, out: Path, workers: int) -> tuple[float, float]:
 
 def main() -> None:
     """Measure and print."""
-    options = parse_options(__doc__, pictures=300, rounds=5, empty=10_000)
+    options = parse_options(__doc__, images=300, rounds=5, empty=10_000)
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     ray.init("local", num_cpus=CLUSTER_CORES, log_to_driver=False, **LOCAL_CLUSTER)
     rates: dict[int, list[float]] = {1: [], 2: []}
     driver_ms: dict[int, list[float]] = {1: [], 2: []}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_pictures(folder / "in", options.pictures)
+        write_images(folder / "in", options.images)
         (folder / "empty").mkdir()
         for number in range(options.empty):
             (folder / "empty" / f"{number:06}.png").touch()
@@ -61,11 +61,11 @@ def main() -> None:
                 driver_ms[workers].append(cpu_ms)
         _, limit_ms = measured(folder / "empty", folder / "refused", CLUSTER_CORES)
     ray.shutdown()
-    print(f"{options.pictures} pictures, {usable_cores()} cores, load {os.getloadavg()[0]:.1f}")
+    print(f"{options.images} images, {usable_cores()} cores, load {os.getloadavg()[0]:.1f}")
     for workers, values in rates.items():
-        print_spread(f"workers: {workers}", values, "pictures/s")
+        print_spread(f"workers: {workers}", values, "images/s")
     print_spread("rate of two workers to one", ratios(rates[2], rates[1]))
-    print_spread("CPU of the driver for a picture", driver_ms[2], "ms")
+    print_spread("CPU of the driver for an image", driver_ms[2], "ms")
     print(f"CPU of the driver for an empty file: {limit_ms:.3f} ms")
 
 

@@ -16,7 +16,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from tools import DEPTHCLI, Usage, parse_options, usage, write_pictures, write_video
+from tools import DEPTHCLI, Usage, parse_options, usage, write_images, write_video
 
 HERE = Path(__file__).parents[1]
 FRAMES = 60
@@ -41,13 +41,13 @@ def main() -> None:
     options = parse_options(__doc__, "other", rounds=7)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        picture = write_pictures(folder / "in", FRAMES)[0]
+        image = write_images(folder / "in", FRAMES)[0]
         video = write_video(folder / "room.avi", FRAMES)
         out = folder / "out"
         common = ["--out", f"{out}/", "--quiet", "--model", str(HERE / "models" / "default")]
         commands = {
             "--help": ["--help"],
-            "predict": ["predict", str(picture), "-o", *common[1:]],
+            "predict": ["predict", str(image), "-o", *common[1:]],
             f"batch of {FRAMES}": ["batch", str(folder / "in"), *common],
             f"{FRAMES} frames, mkv": ["video", str(video), "--format", "mkv", *common],
             f"{FRAMES} frames, mkv and mp4": ["video", str(video), *common],

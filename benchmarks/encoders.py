@@ -1,7 +1,7 @@
 """What writing one map costs: milliseconds and bytes of PNG and EXR, beside OpenCV's default PNG.
 
 Figure of merit: time and size of depthcli over those of ``cv2.imencode`` with its defaults,
-medians of alternating runs over all pictures; of EXR, over those of 32-bit floats with ZIP.
+medians of alternating runs over all images; of EXR, over those of 32-bit floats with ZIP.
 Run: ``python benchmarks/encoders.py [PICTURE ...] [--runs N]``
 """
 
@@ -31,9 +31,9 @@ COMPRESSIONS = ("ZIP", "NO", "HTJ2K256")
 
 def main() -> None:
     """Measure and print."""
-    options = parse_options(__doc__, rest=("pictures", [ROOM]), runs=15)
+    options = parse_options(__doc__, rest=("images", [ROOM]), runs=15)
     pipeline = depthcli.load_model(provider="cpu").pipeline
-    maps = [pipeline.predict(depthcli.read_image(path)).depth for path in options.pictures]
+    maps = [pipeline.predict(depthcli.read_image(path)).depth for path in options.images]
     texts = {f"depthcli:{name}": text for name, text in metadata_texts(maps[0]).items()}
     depths = [quantized(depth.values, 1000)[0] for depth in maps]
     print(f"{len(maps)} maps of the default model, the first {maps[0].width}×{maps[0].height}")

@@ -17,7 +17,7 @@ import tempfile
 from multiprocessing import Process
 from pathlib import Path
 
-from tools import parse_options, peak_bytes, usage, write_pictures, write_video
+from tools import parse_options, peak_bytes, usage, write_images, write_video
 
 from depthcli.core.parallel import usable_cores
 
@@ -116,7 +116,7 @@ def main() -> None:
             writer = Process(target=write_model, args=(model,))  # its memory is given back
             writer.start()
             writer.join()
-        image = write_pictures(folder / "in", options.images)[0]
+        image = write_images(folder / "in", options.images)[0]
         video = write_video(folder / "clip.avi", options.images)
         inputs = {"predict": image, "batch": folder / "in", "video": video}
         code = ALONE.format(side=SIDE_PX)

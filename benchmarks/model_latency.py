@@ -1,7 +1,7 @@
-"""Latency of models alone, one picture at a time, in milliseconds.
+"""Latency of models alone, one image at a time, in milliseconds.
 
-Figure of merit: median ms a picture, beside a fixed matrix product as the machine's yardstick, and
-its ratio to that of the first model. Models take turns, ten pictures each.
+Figure of merit: median ms an image, beside a fixed matrix product as the machine's yardstick, and
+its ratio to that of the first model. Models take turns, ten images each.
 Run: ``python benchmarks/model_latency.py [MODEL ...] [--threads N]``
 """
 
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def ten_runs(name: str, threads: int) -> Callable[[], object]:
-    """A model, made ready to run ten times on a picture of noise."""
+    """A model, made ready to run ten times on an image of noise."""
     pipeline = depthcli.load_model(name, provider="cpu", threads=threads).pipeline
     spec = pipeline.card.input
     shape = (1, spec.colour.channels, spec.height, spec.width)

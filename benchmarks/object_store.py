@@ -113,7 +113,7 @@ def main() -> None:
         "AWS_SECRET_ACCESS_KEY": "b",
         "AWS_DEFAULT_REGION": "us-east-1",
     }
-    folder = RemotePath("s3://bucket/pictures")
+    folder = RemotePath("s3://bucket/images")
     read_bytes(folder / "first.jpg")
     measure_files(folder, options.files)
     for share in (100, 10, 1):

@@ -14,7 +14,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tools import parse_options, peak_bytes, write_pictures, write_video
+from tools import parse_options, peak_bytes, write_images, write_video
 
 FEW = 200
 VIDEO_PX = 160, 120
@@ -22,7 +22,7 @@ VIDEO_PX = 160, 120
 
 def folders(folder: Path, many: int) -> dict[int, tuple[str, ...]]:
     """Commands for a few images, and for many names of them."""
-    images = write_pictures(folder / "few", FEW)
+    images = write_images(folder / "few", FEW)
     (folder / "many").mkdir()
     for number in range(many):
         (folder / "many" / f"{number:05}.jpg").hardlink_to(images[number % len(images)])

@@ -134,7 +134,7 @@ def smoothed(
     """Depth as ``--smooth 0.2`` writes it; None for no correction, as up to 0.18.0."""
     changes, smoother = ChangeDetector(), Smoother()
     small = [thumbnail(pixels) for pixels in rgb]
-    found = [changes.step(picture) for picture in small]
+    found = [changes.step(image) for image in small]
     decay = ema_decay(INTERVAL_S, SMOOTH_S)
     if look_ahead is None:
         rows, columns = (size // 3 for size in small[0].shape)
@@ -142,9 +142,9 @@ def smoothed(
         steady = [Correction(nothing, nothing + 1)] * len(logs)
     else:
         deflicker, steady = Deflicker(look_ahead), []
-        for picture, log, change in zip(small, logs, found, strict=True):
-            cells = sample_cells(log, picture.shape)
-            steady += deflicker.step(picture, cells, decay, is_cut=change.is_cut)
+        for image, log, change in zip(small, logs, found, strict=True):
+            cells = sample_cells(log, image.shape)
+            steady += deflicker.step(image, cells, decay, is_cut=change.is_cut)
         steady += deflicker.finish()
     frames = zip(logs, found, steady, strict=True)
     return [smoother.step(log, change, one, decay) for log, change, one in frames]

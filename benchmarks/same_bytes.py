@@ -18,7 +18,7 @@ from pathlib import Path
 import boto3
 import cv2
 from moto.server import ThreadedMotoServer
-from tools import DEPTHCLI, parse_options, write_pictures, write_video
+from tools import DEPTHCLI, parse_options, write_images, write_video
 
 HERE = Path(__file__).parents[1]
 IMAGES = 6
@@ -99,8 +99,8 @@ def main() -> int:
         shutil.copytree(other / "depthcli", folder / "other" / "depthcli")
         version = Path("depthcli", "_version.py")
         shutil.copy(HERE / version, folder / "other" / version)
-        write_pictures(folder / "in" / "a", IMAGES - 1)
-        first = write_pictures(folder / "in", 1)[0]
+        write_images(folder / "in" / "a", IMAGES - 1)
+        first = write_images(folder / "in", 1)[0]
         gray = cv2.imread(str(first), cv2.IMREAD_GRAYSCALE).astype("uint16") * 257
         cv2.imwrite(str(folder / "gray16.png"), gray[:333, :500])
         write_video(folder / "room.avi", FRAMES)

@@ -224,7 +224,7 @@ def peak_bytes(words: Sequence[str], out: Path) -> int:
     return used.peak_bytes
 
 
-def write_pictures(folder: Path, count: int) -> list[Path]:
+def write_images(folder: Path, count: int) -> list[Path]:
     """Write different JPEG files of 60-100 KB: the room from other places, in other light."""
     room = cv2.imread(str(ROOM))
     random = np.random.default_rng(0)

@@ -1,7 +1,7 @@
-"""Ready cards against the authors' own code: the same depth of the same pictures, to the digit.
+"""Ready cards against the authors' own code: the same depth of the same images, to the digit.
 
 Figure of merit: mean absolute difference of depth by standard deviation of theirs, largest of eight
-pictures of other sizes, aspects and bit depths; at most 1e-3 at the network's size. The network has
+images of other sizes, aspects and bit depths; at most 1e-3 at the network's size. The network has
 random weights: its preprocessing, graph and postprocessing are those of the trained one. It is
 built and run by the authors' package in an environment of its own, which this script makes.
 Run: ``python benchmarks/verify_cards.py [CARD ...] [--environments DIR] [--write]``
@@ -40,7 +40,7 @@ KEPT = HERE.parent / "tests" / "reference" / "cards"
 MOST = 1e-3
 OFF = np.float32(0.01 / 0.225)  # of the input, by a mean that is wrong by 0.01
 TORCH = ("torch==2.13.0", "onnx==1.23.2", "opencv-python-headless==5.0.0.93", "scipy")
-# Pillow 13 resizes some portrait pictures along the columns first, which changes rounding:
+# Pillow 13 resizes some portrait images along the columns first, which changes rounding:
 # github.com/python-pillow/Pillow/pull/9549
 HUB = ("transformers==5.24.0", "pillow<13", *TORCH)
 VISION = ("torchvision==0.28.0", "timm==1.0.31")
@@ -128,10 +128,10 @@ def compared() -> dict[str, str]:
 
 
 class Differences(NamedTuple):
-    """Largest differences over the pictures."""
+    """Largest differences over the images."""
 
     small: float  #: at the network's size
-    full: float  #: at the picture's size; NaN where they do not enlarge
+    full: float  #: at the image's size; NaN where they do not enlarge
     control: float  #: least at the network's size with a wrong mean, which shows what is seen
 
     @property
@@ -141,15 +141,15 @@ class Differences(NamedTuple):
 
 
 def run_theirs(package: Package, cards: list[str], environments: Path, folder: Path) -> None:
-    """Run the authors' code on the pictures."""
-    write_pictures(folder)
+    """Run the authors' code on the images."""
+    write_images(folder)
     python = environment(package, environments)
     command = [python, HERE / "authors" / "run.py", package.module, folder, *cards]
     subprocess.run([*map(str, command)], check=True, env=os.environ | {"PYTHONPATH": ""})
 
 
 def compare(name: str, folder: Path) -> Differences:
-    """Run the card on the pictures, and compare."""
+    """Run the card on the images, and compare."""
     fields = ready_fields(name)
     fields |= {"onnx": {"opset": 18, "ir": 10} | fields.get("onnx", {})}
     card = ModelCard.from_json(json.dumps(fields))
@@ -163,15 +163,15 @@ def compare(name: str, folder: Path) -> Differences:
             return Differences(np.inf, np.inf, 0)
         model = Model(path=file, card=card, sha256="", size_bytes=file.stat().st_size)
         theirs = np.load(folder / name / f"{path.stem}.npz")
-        parts.append(of_picture(Session(model, provider="cpu"), frame, batch, theirs))
+        parts.append(of_image(Session(model, provider="cpu"), frame, batch, theirs))
     small, full, control = zip(*parts, strict=True)
     return Differences(max(small), max(full), min(control))
 
 
-def of_picture(
+def of_image(
     session: Session, frame: Frame, batch: np.ndarray, theirs: dict[str, np.ndarray]
 ) -> tuple[float, float, float]:
-    """Differences of one picture."""
+    """Differences of one image."""
     # "has" is their mask, "at" where their depth is that of the network alone
     has = next((theirs[name] for name in ("has", "at") if name in theirs), np.True_)
     raw = theirs["raw"].reshape(theirs["raw"].shape[-2:])
@@ -206,7 +206,7 @@ def of_picture(
 
 
 def known_points(depth_m: np.ndarray, frame: Frame) -> KnownDepth:
-    """Points at the centres of the pixels of a map of the whole picture."""
+    """Points at the centres of the pixels of a map of the whole image."""
     y, x = (axis.ravel() for axis in np.indices(depth_m.shape))
     rows, columns = depth_m.shape
     places = [(x + 0.5) * frame.width / columns - 0.5, (y + 0.5) * frame.height / rows - 0.5]
@@ -223,8 +223,8 @@ def difference(ours: np.ndarray, theirs: np.ndarray) -> float:
     return float(np.abs(ours[has] - theirs[has]).mean() / theirs[has].std())
 
 
-def write_pictures(folder: Path) -> None:
-    """Eight pictures: NAME.png in 8 bits for them, ours/NAME.png with its own bit depth."""
+def write_images(folder: Path) -> None:
+    """Eight images: NAME.png in 8 bits for them, ours/NAME.png with its own bit depth."""
     sizes = [(640, 480), (480, 640), (1024, 576), (320, 240), (251, 377), (1200, 400), (500, 500)]
     random = np.random.default_rng(34)
     for i, (width, height) in enumerate([*sizes, (1600, 1200)]):
@@ -271,7 +271,7 @@ def write(card: str, differences: Differences) -> None:
         if path.stem == card or earlier.get("note") == same:
             fields["verification"] = earlier | {
                 "date": f"{datetime.now(UTC):%Y-%m-%d}",
-                "pictures": 8,
+                "images": 8,
                 "difference": float(f"{differences.small:.1e}"),
             }
             if not np.isnan(differences.full):

@@ -1,4 +1,4 @@
-"""Depth from a single picture.
+"""Depth from a single image.
 
 The Python API, loaded name by name when it is used; docs/python.md tells more::
 
@@ -32,7 +32,7 @@ _HOMES = {
     "depthcli.inference.pipeline": ("Pipeline",),
     "depthcli.inference.session": ("Session",),
     "depthcli.io.calibration": ("read_calibration",),
-    "depthcli.io.images.read": ("Picture", "read_image"),
+    "depthcli.io.images.read": ("ImageLike", "read_image"),
     "depthcli.models.card": ("ModelCard",),
     "depthcli.models.catalog": ("Model", "find_model"),
 }

@@ -34,7 +34,7 @@ from depthcli.errors import UsageError as UsageError
 from depthcli.inference.pipeline import Pipeline as Pipeline
 from depthcli.inference.session import Session as Session
 from depthcli.io.calibration import read_calibration as read_calibration
-from depthcli.io.images.read import Picture as Picture
+from depthcli.io.images.read import ImageLike as ImageLike
 from depthcli.io.images.read import read_image as read_image
 from depthcli.models.card import ModelCard as ModelCard
 from depthcli.models.catalog import Model as Model

@@ -95,7 +95,7 @@ class UsageError(DepthcliError):
 
 
 class InputError(DepthcliError):
-    """One input cannot be used: missing, empty, truncated, not a picture, too large."""
+    """One input cannot be used: missing, empty, truncated, not an image, too large."""
 
     exit_code = ExitCode.SOME_FAILED
 

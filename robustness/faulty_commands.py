@@ -9,7 +9,7 @@ import shutil
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from helpers.tiny import synthetic_picture, tiny_onnx, write_model, write_picture
+from helpers.tiny import synthetic_image, tiny_onnx, write_image, write_model
 from helpers.videos import flat_frames, write_video
 
 if TYPE_CHECKING:
@@ -55,24 +55,24 @@ def _model(folder: Path) -> None:
     write_model(folder / "models" / "default")
 
 
-def _picture(folder: Path) -> None:
+def _image(folder: Path) -> None:
     _model(folder)
-    write_picture(folder / "a.png", synthetic_picture(24, 32))
+    write_image(folder / "a.png", synthetic_image(24, 32))
 
 
-def _picture_again(folder: Path) -> None:
+def _image_again(folder: Path) -> None:
     """With outputs of the same names that are whole."""
-    _picture(folder)
+    _image(folder)
     for end in ("depth.png", "preview.png", "depth.exr", "depth.npy", "ply", "depth.json"):
         path = folder / "out" / f"a.{end}"
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(b"an earlier output\n")
 
 
-def _pictures(folder: Path) -> None:
+def _images(folder: Path) -> None:
     _model(folder)
     for number, name in enumerate(("a.png", "hall/b.png")):
-        write_picture(folder / "in" / name, synthetic_picture(24, 32 + number))
+        write_image(folder / "in" / name, synthetic_image(24, 32 + number))
     write_video(folder / "in" / "c.avi", flat_frames((0, 90), 24, 32))
 
 
@@ -122,16 +122,16 @@ TRAIN = (
 )
 _ADD = ("models", "add", "new/model.onnx", "--card", "new/card.json")
 _OF_JOBS = ("depthcli.jobs.predict_images", "depthcli.api.model")
-_PICTURES = ("cv2", "onnxruntime", "OpenEXR", *_OF_JOBS)
-_VIDEOS = (*_PICTURES, "av", "depthcli.jobs.batch.run", "depthcli.jobs.batch.workers")
-_MODELS = (*_PICTURES, "depthcli.jobs.models")
-_TORCH = (*_PICTURES, "torch", "lightning_fabric", "depthcli.lab.jobs.train")
+_IMAGES = ("cv2", "onnxruntime", "OpenEXR", *_OF_JOBS)
+_VIDEOS = (*_IMAGES, "av", "depthcli.jobs.batch.run", "depthcli.jobs.batch.workers")
+_MODELS = (*_IMAGES, "depthcli.jobs.models")
+_TORCH = (*_IMAGES, "torch", "lightning_fabric", "depthcli.lab.jobs.train")
 _ONNX = (*_TORCH, "onnx", "onnxscript", "depthcli.lab.export.onnx")
 COMMANDS = {
-    "predict": Command(_PREDICT, _picture, _PICTURES),
-    "predict again": Command((*_PREDICT, "--overwrite"), _picture_again, _PICTURES),
+    "predict": Command(_PREDICT, _image, _IMAGES),
+    "predict again": Command((*_PREDICT, "--overwrite"), _image_again, _IMAGES),
     "batch": Command(
-        ("batch", "in", "--out", "out", *_FORMATS[:6], "--sidecar", *_SMALL), _pictures, _VIDEOS
+        ("batch", "in", "--out", "out", *_FORMATS[:6], "--sidecar", *_SMALL), _images, _VIDEOS
     ),
     "video": Command(
         ("video", "a.avi", "--out", "out/", *_VIDEO_FORMATS, "--format", "json", *_SMALL),
@@ -142,7 +142,7 @@ COMMANDS = {
     "export": Command(("export-onnx", "run.ckpt", "-o", "out/a.onnx"), _checkpoint, _ONNX),
     "models add": Command(_ADD, _new_model, _MODELS, "models"),
     "models add --force": Command((*_ADD, "--force"), _known_model, _MODELS, "models"),
-    "convert": Command(("convert", "a.npy", "out/a.exr"), _array, _PICTURES),
+    "convert": Command(("convert", "a.npy", "out/a.exr"), _array, _IMAGES),
 }
 
 

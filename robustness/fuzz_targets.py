@@ -137,7 +137,7 @@ def _heics() -> list[bytes]:
     return [*made, deep, heic(np.dstack([colours, colours[..., :1]])), heic(colours, colours)]
 
 
-def _other_pictures() -> list[bytes]:
+def _other_images() -> list[bytes]:
     made = [_saved("BMP", mode) for mode in ("RGB", "P", "1", "RGBA")]
     return [*made, _saved("GIF", "P"), _saved("PPM"), _saved("PPM", "L"), b"P2 2 2 9 1 2 3 4\n"]
 
@@ -177,7 +177,7 @@ def _plates() -> list[bytes]:
     return [_written(ExrWriter(), "a.exr", DepthMap(pixels + 0.5), frame), _flat_exr()]
 
 
-def _exr_pictures() -> list[bytes]:
+def _exr_images() -> list[bytes]:
     """Plates in colour and in gray."""
     light = {"R": np.linspace(0, 2, 104, dtype=np.float32).reshape(8, 13)}
     light |= {"G": light["R"] / 2, "B": np.flip(light["R"])}
@@ -225,10 +225,10 @@ def _sidecars() -> list[bytes]:
     facts["model_sha256"] = "0" * 64
     times_s = {"times_s": {"7": 0.25}}
     fitted = Provenance("tiny", "0" * 64, (256, 192), 500.0, anchor_fit=AnchorFit(3, 4, 0.1))
-    of_a_picture = _written(
+    of_a_image = _written(
         SidecarWriter(), "a.json", dataclasses.replace(_depth(), provenance=fitted)
     )
-    return [json.dumps(facts).encode(), json.dumps(facts | times_s).encode(), of_a_picture]
+    return [json.dumps(facts).encode(), json.dumps(facts | times_s).encode(), of_a_image]
 
 
 def _calibrations() -> list[bytes]:
@@ -258,9 +258,9 @@ def _read_sidecar(path: Path) -> None:
         np.save(array, _depth().values)
         read_stored_depth(array)
         read_metadata(array)
-    picture = path.with_suffix(".png")
-    picture.write_bytes(encode_png((_depth().values * 1000).astype(np.uint16), {}))
-    read_stored_depth(picture)
+    image = path.with_suffix(".png")
+    image.write_bytes(encode_png((_depth().values * 1000).astype(np.uint16), {}))
+    read_stored_depth(image)
 
 
 def _cards() -> list[bytes]:
@@ -397,12 +397,12 @@ def _read_journal(path: Path) -> None:
         pass
 
 
-def _picture(path: Path) -> None:
+def _image(path: Path) -> None:
     read_image(path, max_pixels=_MAX_PIXELS)
 
 
-def _all_pictures() -> list[bytes]:
-    made = [_jpegs, _pngs, _tiffs, _webps, _avifs, _heics, _other_pictures]
+def _all_images() -> list[bytes]:
+    made = [_jpegs, _pngs, _tiffs, _webps, _avifs, _heics, _other_images]
     return [seed for seeds in made for seed in seeds()]
 
 
@@ -413,21 +413,21 @@ def _exr_or_facts(path: Path) -> None:
 
 
 TARGETS: dict[str, Target] = {
-    "jpeg": Target("a.jpg", _jpegs, _picture, 2),
-    "png": Target("a.png", _pngs, _picture, 2),
-    "tiff": Target("a.tiff", _tiffs, _picture, 2),
-    "webp": Target("a.webp", _webps, _picture),
-    "avif": Target("a.avif", _avifs, _picture, 2),
-    "heic": Target("a.heic", _heics, _picture, 2),
-    "other-pictures": Target("a.bmp", _other_pictures, _picture),
-    "headers": Target("a.bin", _all_pictures, lambda path: parse_exif(path.read_bytes()), 4),
-    "training-picture": Target("a.png", _pngs, read_image_rgb),
+    "jpeg": Target("a.jpg", _jpegs, _image, 2),
+    "png": Target("a.png", _pngs, _image, 2),
+    "tiff": Target("a.tiff", _tiffs, _image, 2),
+    "webp": Target("a.webp", _webps, _image),
+    "avif": Target("a.avif", _avifs, _image, 2),
+    "heic": Target("a.heic", _heics, _image, 2),
+    "other-images": Target("a.bmp", _other_images, _image),
+    "headers": Target("a.bin", _all_images, lambda path: parse_exif(path.read_bytes()), 4),
+    "training-image": Target("a.png", _pngs, read_image_rgb),
     "training-depth": Target("a.png", _depth_pngs, lambda path: read_truth(path, _MM)),
     "own-png": Target("a.depth.png", _depth_pngs, is_own_image),
     "depth-png": Target("a.png", _depth_pngs, _exr_or_facts),
     "exr": Target("a.exr", _exrs, _exr_or_facts, 2),
     "exr-plate": Target("a.exr", _plates, _read_exr_image, 2),
-    "exr-picture": Target("a.exr", _exr_pictures, _read_exr_image, 2),
+    "exr-image": Target("a.exr", _exr_images, _read_exr_image, 2),
     "npy": Target("a.npy", _npys, _exr_or_facts, 2),
     "anchors": Target(
         "a.csv",

@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from helpers.command_line import ROOT, Cli, unmeasured
-from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.tiny import synthetic_image, write_image, write_model
 from helpers.videos import flat_frames, write_video
 
 from depthcli.cli.app import main as main_of_depthcli
@@ -55,7 +55,7 @@ class Job(NamedTuple):
 
 _VIDEO = ("video", "clip.mkv", "--workers", "2", "--threads", "1")
 JOBS = {
-    "predict": Job(("predict", "pictures", "-o", "out/", "--format", "exr"), 2),
+    "predict": Job(("predict", "images", "-o", "out/", "--format", "exr"), 2),
     "batch": Job(("batch", "in", "--out", "out", "--format", "png16", "--format", "exr"), 6),
     "frames": Job((*_VIDEO, "--out", "out/", "--format", "png16", "--format", "npy"), 4),
     "mkv": Job((*_VIDEO, "--out", "out/", "--format", "mkv", "--format", "mp4"), 3),
@@ -68,7 +68,7 @@ def room(folder: Path, names: tuple[str, ...]) -> None:
     """A folder with what the jobs read."""
     write_model(folder / "models" / "default")
     for i in range(16):
-        write_picture(folder / "in" / f"{i % 3}" / f"{i:02}.png", synthetic_picture(96, 128))
+        write_image(folder / "in" / f"{i % 3}" / f"{i:02}.png", synthetic_image(96, 128))
     write_video(folder / "in" / "short.mkv", flat_frames(range(20, 240, 20), 60, 80))
     write_video(folder / "clip.mkv", flat_frames(range(10, 250, 8), 240, 320))
     if {"train", "export"} & {*names}:
@@ -76,9 +76,9 @@ def room(folder: Path, names: tuple[str, ...]) -> None:
 
 
 def command(cli: Cli, job: Job) -> list[str]:
-    """The words, with all pictures where there are to be some."""
-    pictures = sorted(str(path.relative_to(cli.folder)) for path in cli.folder.glob("in/*/*.png"))
-    words = [one for word in job.words for one in (pictures if word == "pictures" else [word])]
+    """The words, with all images where there are to be some."""
+    images = sorted(str(path.relative_to(cli.folder)) for path in cli.folder.glob("in/*/*.png"))
+    words = [one for word in job.words for one in (images if word == "images" else [word])]
     return cli.command(*words)
 
 

@@ -6,13 +6,13 @@ import struct
 import zlib
 from typing import Any
 
-_OF_PICTURES = (b"\xff" * 64, b"\xff\xd9", b"\xff\xc0\0\x11\x08\xff\xff\xff\xff")
+_OF_IMAGES = (b"\xff" * 64, b"\xff\xd9", b"\xff\xc0\0\x11\x08\xff\xff\xff\xff")
 _OF_BOXES = (b"IEND", b"eXIf", b"\x7f\xff\xff\xff", b"ispe", b"iloc", b"\x1aE\xdf\xa3\xff")
 _OF_TEXTS = (b"1e999", b"-nan", b"\xed\xa0\x80", b"\\ud800", b"[" * 3000, b'{"a":' * 3000)
 _OF_PATHS = (b"9" * 5000, b"../../x", b"\x1b[2J")
 _OF_EXIF = (b"Exif\0\0II*\0\x08\0\0\0",)
-TOKENS = (b"\0", *_OF_PICTURES, *_OF_EXIF, *_OF_BOXES, *_OF_TEXTS, *_OF_PATHS)
-"""What formats of pictures, videos and texts give a meaning to."""
+TOKENS = (b"\0", *_OF_IMAGES, *_OF_EXIF, *_OF_BOXES, *_OF_TEXTS, *_OF_PATHS)
+"""What formats of images, videos and texts give a meaning to."""
 
 _WHOLE = (0, -1, 1, 2**31, 2**63, 2**64, 10**30)
 _REAL = (0.0, -0.0, 1e-320, 1e308, float("inf"), float("nan"))

@@ -1,4 +1,4 @@
-"""What several test files share: a tiny model, a picture, the command line of the built wheel."""
+"""What several test files share: a tiny model, an image, the command line of the built wheel."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from helpers.command_line import ROOT, Cli, InProcess
-from helpers.tiny import write_model, write_picture
+from helpers.tiny import write_image, write_model
 from hypothesis import HealthCheck, settings
 
 from depthcli.io.media import is_installed
@@ -56,9 +56,9 @@ def models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def picture(tmp_path: Path) -> Path:
-    """The synthetic picture as a PNG in a folder of its own."""
-    return write_picture(tmp_path / "pictures" / "room.png")
+def image(tmp_path: Path) -> Path:
+    """The synthetic image as a PNG in a folder of its own."""
+    return write_image(tmp_path / "images" / "room.png")
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.tiny import synthetic_picture, write_picture
+from helpers.tiny import synthetic_image, write_image
 from helpers.videos import write_mp4
 
 from depthcli._version import __version__
@@ -74,9 +74,9 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.chdir(tmp_path)
     (tmp_path / "docs").symlink_to(DOCS)
     shutil.copy(DOCS / "room.jpg", tmp_path)
-    write_mp4(tmp_path / "walk.mp4", [synthetic_picture(480, 640)] * 2)
+    write_mp4(tmp_path / "walk.mp4", [synthetic_image(480, 640)] * 2)
     for name in ("a.jpg", "b.jpg"):
-        write_picture(tmp_path / "images" / name)
+        write_image(tmp_path / "images" / name)
     for page in ("README.md", "docs/python.md"):
         names: dict[str, Any] = {}
         for code in EXAMPLE.findall((ROOT / page).read_text("utf-8")):

@@ -1,4 +1,4 @@
-"""The Python API used as its page says: pictures in, depth maps out, nonsense refused in a line."""
+"""The Python API used as its page says: images in, depth maps out, nonsense refused in a line."""
 
 import math
 import warnings
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.tiny import synthetic_image, write_image, write_model
 from helpers.videos import encode, write_depth_video, write_video
 from PIL import Image
 
@@ -20,7 +20,7 @@ from depthcli.core.options import DepthFit
 from depthcli.io.depth.read import read_metadata
 from depthcli.io.formats.options import WriterOptions, names_of
 
-PIXELS = synthetic_picture()
+PIXELS = synthetic_image()
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def model(tmp_path: Path) -> depthcli.DepthModel:
 
 @pytest.fixture
 def depth(model: depthcli.DepthModel) -> depthcli.DepthMap:
-    """Of the synthetic picture, 64×48, by a lens of 80 pixels."""
+    """Of the synthetic image, 64×48, by a lens of 80 pixels."""
     return model.predict(PIXELS, focal_px=80)
 
 
@@ -40,11 +40,11 @@ def metric(values: list[list[float]], **known: Any) -> depthcli.DepthMap:
     return depthcli.DepthMap(np.array(values, np.float32), provenance=depthcli.Provenance(**known))
 
 
-# Pictures
+# Images
 
 
-def test_ways_to_give_a_picture_give_one_depth(model: depthcli.DepthModel, tmp_path: Path) -> None:
-    path = write_picture(tmp_path / "room.png")
+def test_ways_to_give_an_image_give_one_depth(model: depthcli.DepthModel, tmp_path: Path) -> None:
+    path = write_image(tmp_path / "room.png")
     data = path.read_bytes()
     wanted = model.predict(depthcli.read_image(path)).values
     with Image.open(path) as opened:
@@ -55,7 +55,7 @@ def test_ways_to_give_a_picture_give_one_depth(model: depthcli.DepthModel, tmp_p
             bytearray(data),
             memoryview(data),
             PIXELS,
-            PIXELS[..., ::-1].copy()[..., ::-1],  # as OpenCV's pictures come when they are turned
+            PIXELS[..., ::-1].copy()[..., ::-1],  # as OpenCV's images come when they are turned
             np.asfortranarray(PIXELS),
             np.dstack([PIXELS, np.full((48, 64), 255, np.uint8)]),  # opaque
             depthcli.Frame(PIXELS),
@@ -119,16 +119,16 @@ def test_a_focal_length_that_scales_nothing_is_a_warning(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    "picture",
+    "image",
     [
-        *("missing.png", b"", b"no picture", None, 3.5, object()),
+        *("missing.png", b"", b"no image", None, 3.5, object()),
         *(PIXELS.astype(np.float64) / 255, PIXELS.astype(np.float32)),
         *(PIXELS.transpose(2, 0, 1), PIXELS[None], Image.new("I", (4, 4))),
     ],
 )
-def test_invalid_image_is_refused_in_one_line(picture: Any, model: depthcli.DepthModel) -> None:
+def test_invalid_image_is_refused_in_one_line(image: Any, model: depthcli.DepthModel) -> None:
     with pytest.raises(depthcli.InputError) as caught:
-        model.predict(picture)
+        model.predict(image)
     assert "\n" not in str(caught.value)
 
 
@@ -149,7 +149,7 @@ def test_invalid_image_is_refused_in_one_line(picture: Any, model: depthcli.Dept
 def test_a_camera_or_anchors_without_sense_are_refused(
     options: dict[str, Any], model: depthcli.DepthModel
 ) -> None:
-    refused = depthcli.UsageError, depthcli.InputError  # the latter may fit the next picture
+    refused = depthcli.UsageError, depthcli.InputError  # the latter may fit the next image
     with pytest.raises(refused):
         model.predict(PIXELS, **options)
     with pytest.raises(refused):
@@ -160,7 +160,7 @@ def test_a_camera_or_anchors_without_sense_are_refused(
 
 
 def stream(count: int, alive: list[weakref.ref[Any]], most: list[int]) -> Iterator[np.ndarray]:
-    """Gray pictures of growing brightness; counts those that are still held somewhere."""
+    """Gray images of growing brightness; counts those that are still held somewhere."""
     for level in range(count):
         pixels = np.full((12, 16), level, np.uint8)
         frame = depthcli.Frame(pixels)
@@ -205,7 +205,7 @@ STREAM_OPTIONS = [{"workers": 2}, {"batch_size": 3}, {"batch_size": 3, "workers"
 @pytest.mark.parametrize(
     ("bad", "why"),
     [
-        ([b"no picture"], "not an image"),
+        ([b"no image"], "not an image"),
         ([np.zeros((2, 2))], "float64"),
         ([PIXELS[:5, :5]], "outside"),
         ([], "the camera is gone"),
@@ -214,13 +214,13 @@ STREAM_OPTIONS = [{"workers": 2}, {"batch_size": 3}, {"batch_size": 3, "workers"
 def test_maps_before_an_error_are_not_lost(
     bad: list[Any], why: str, options: dict[str, int], model: depthcli.DepthModel
 ) -> None:
-    def pictures() -> Iterator[Any]:
+    def images() -> Iterator[Any]:
         yield from [*[PIXELS] * 4, *bad]
         raise OSError("the camera is gone")
 
     folder = model.pipeline.session.model.path.parent
     model = depthcli.load_model(folder, provider="cpu")
-    depths = model.predict_many(pictures(), anchors=[(60, 40, 2.0)], **options)
+    depths = model.predict_many(images(), anchors=[(60, 40, 2.0)], **options)
     for _ in range(4):
         next(depths)
     with pytest.raises((OSError, depthcli.DepthcliError), match=why):
@@ -488,8 +488,8 @@ def test_a_file_is_whole_or_not_there(depth: depthcli.DepthMap, tmp_path: Path) 
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_the_picture_itself_is_never_replaced(model: depthcli.DepthModel, tmp_path: Path) -> None:
-    path = write_picture(tmp_path / "room.png")
+def test_the_image_itself_is_never_replaced(model: depthcli.DepthModel, tmp_path: Path) -> None:
+    path = write_image(tmp_path / "room.png")
     data = path.read_bytes()
     with pytest.raises(depthcli.OutputError):
         model.predict(path).save(path, overwrite=True)
@@ -509,7 +509,7 @@ def test_frames_of_a_depth_video_have_the_same_methods(tmp_path: Path) -> None:
     assert depth.to_points(focal_px=6).xyz_m[:, 2] == pytest.approx(1.5)
 
 
-# Pictures for people
+# Images for people
 
 
 def test_colours_are_warm_where_it_is_near(depth: depthcli.DepthMap) -> None:

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 from helpers.command_line import ROOT, Cli
-from helpers.tiny import synthetic_picture
+from helpers.tiny import synthetic_image
 from helpers.videos import write_mp4
 from helpers.web import Camera
 
@@ -25,7 +25,7 @@ def free_port() -> str:
 def test_the_commands_run(cli: Cli) -> None:
     (cli.folder / "docs").mkdir()
     shutil.copy(ROOT / "docs" / "room.jpg", cli.folder / "docs")
-    write_mp4(cli.folder / "clip.mp4", [synthetic_picture(48, 64)] * 3)
+    write_mp4(cli.folder / "clip.mp4", [synthetic_image(48, 64)] * 3)
     program = cli.folder / "bin" / "depthcli"
     program.parent.mkdir()
     program.write_text(f'#!/bin/sh\nexec {sys.executable} -m depthcli "$@"\n')

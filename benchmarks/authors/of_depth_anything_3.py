@@ -27,7 +27,7 @@ torch.cartesian_prod = _pairs
 
 
 class OneView(torch.nn.Module):
-    """The network for single pictures, as its exports have it."""
+    """The network for single images, as its exports have it."""
 
     def __init__(self, model: torch.nn.Module, *, has_sky: bool) -> None:
         super().__init__()

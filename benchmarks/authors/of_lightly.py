@@ -27,7 +27,7 @@ def build(card: str) -> Authors:
     spread(last.sky_output_conv2[-1], lambda: model(example), 0, 1)
 
     def finish(outputs: tuple[torch.Tensor, ...], rgb: np.ndarray) -> dict[str, Any]:
-        """Their depth, without sky, whose depth they set to the farthest of the picture."""
+        """Their depth, without sky, whose depth they set to the farthest of the image."""
         ground = outputs[1].numpy().reshape(outputs[1].shape[-2:]) < 0.3
         raw = outputs[0].reshape(ground.shape)
         facts = {"orig_h": rgb.shape[0], "orig_w": rgb.shape[1]}

@@ -95,7 +95,7 @@ class TinyKnown(Tiny):
 
 
 def of_dpt(card: str) -> Authors:
-    """MiDaS 3.0, which is of square pictures there."""
+    """MiDaS 3.0, which is of square images there."""
     del card
     config = hf.DPTConfig(
         **VIT,
@@ -150,7 +150,7 @@ def of_zoe(card: str) -> Authors:
 
 
 def of_depth_pro(card: str) -> Authors:
-    """Depth Pro; its picture is 1536 a side, cut into 35 of 384."""
+    """Depth Pro; its image is 1536 a side, cut into 35 of 384."""
     del card
     dino = {
         "model_type": "dinov2",

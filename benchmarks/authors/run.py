@@ -2,9 +2,9 @@
 
 ``python run.py MODULE FOLDER CARD ...`` builds the network of each card with random weights and
 runs the authors' own code on each FOLDER/*.png. It writes FOLDER/CARD/*.npz with ``raw``, the
-network's output; ``full``, depth at the picture's size, where they enlarge it; and what else its
+network's output; ``full``, depth at the image's size, where they enlarge it; and what else its
 module gives; and the network to FOLDER/CARD/HEIGHTxWIDTH.onnx for each size of its input. It
-writes to FOLDER/CARD/kept.npz what tests keep: a small picture, a network of few weights, and the
+writes to FOLDER/CARD/kept.npz what tests keep: a small image, a network of few weights, and the
 authors' depth with it.
 """
 
@@ -31,7 +31,7 @@ SEED = 20261125
 
 
 class Authors(NamedTuple):
-    """A network and the authors' way from a picture to depth."""
+    """A network and the authors' way from an image to depth."""
 
     network: torch.nn.Module  #: maps (1, 3, H, W) to its outputs, the first of which is the map
     outputs: tuple[str, ...]  #: their names
@@ -49,7 +49,7 @@ def main(module: str, folder: str, *cards: str) -> None:
     declare_torchvision()
     torch.set_num_threads(1)
     build = importlib.import_module(module).build
-    pictures = sorted(Path(folder).glob("*.png"))
+    images = sorted(Path(folder).glob("*.png"))
     with torch.no_grad():
         for card in cards:
             where = Path(folder) / card
@@ -57,15 +57,15 @@ def main(module: str, folder: str, *cards: str) -> None:
             torch.manual_seed(SEED)
             try:
                 authors = build(card)
-                run(authors, pictures, where)
+                run(authors, images, where)
                 keep(authors, where / "kept.npz")
             except Exception:  # noqa: BLE001 - the other cards are still compared
                 traceback.print_exc()
 
 
-def run(authors: Authors, pictures: list[Path], where: Path) -> None:
+def run(authors: Authors, images: list[Path], where: Path) -> None:
     """Write the network and depth of one card."""
-    for path in pictures:
+    for path in images:
         rgb = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
         image = authors.prepare(rgb)
         more = [known_depth(*KNOWN_SIZE)] if authors.known else []
@@ -163,7 +163,7 @@ def declare_torchvision() -> None:
 
 
 def randomize(network: torch.nn.Module) -> torch.nn.Module:
-    """Random weights that keep the variance from layer to layer, so that a picture is seen."""
+    """Random weights that keep the variance from layer to layer, so that an image is seen."""
     for name, values in network.named_parameters():
         if values.ndim > 1 and "pos" not in name and "token" not in name:
             torch.nn.init.normal_(values, std=values[0].numel() ** -0.5)
@@ -198,7 +198,7 @@ def settle(network: torch.nn.Module, image: torch.Tensor) -> None:
 
 
 def enlarge(mode: str, *, align_corners: bool) -> Finish:
-    """The end of an authors' code that enlarges the map to the picture's size."""
+    """The end of an authors' code that enlarges the map to the image's size."""
 
     def finish(outputs: tuple[torch.Tensor, ...], rgb: np.ndarray) -> dict[str, Any]:
         maps = outputs[0].reshape(1, 1, *outputs[0].shape[-2:])
@@ -211,7 +211,7 @@ def enlarge(mode: str, *, align_corners: bool) -> Finish:
 
 
 def sample(seed: int = 0) -> np.ndarray:
-    """A small picture, (H, W, 3) uint8."""
+    """A small image, (H, W, 3) uint8."""
     return np.random.default_rng(seed).integers(0, 256, (120, 160, 3), np.uint8)
 
 

@@ -79,13 +79,13 @@ class DepthPage:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class DepthMap(types.DepthMap):
-    """Depth of every pixel of one picture; NumPy's functions accept it as an array.
+    """Depth of every pixel of one image; NumPy's functions accept it as an array.
 
     Attributes:
         values: (H, W) float32. Metres for ``DepthKind.METRIC``. NaN where there is no depth.
         kind: what the numbers mean.
         provenance: model, camera and known points, as far as they are known.
-        frame: the picture, upright; None if it is not available.
+        frame: the image, upright; None if it is not available.
     """
 
     frame: types.Frame | None = None
@@ -117,7 +117,7 @@ class DepthMap(types.DepthMap):
 
     @property
     def time_s(self) -> float | None:
-        """Time in its video, in seconds from the video's first frame; None for a still picture."""
+        """Time in its video, in seconds from the video's first frame; None for a still image."""
         return self.provenance.time_s
 
     @property
@@ -160,7 +160,7 @@ class DepthMap(types.DepthMap):
         max_depth_m: float | None = None,
         keep_edges: bool = True,
     ) -> PointCloud:
-        """Pixels with depth as points in space, with the picture's colours.
+        """Pixels with depth as points in space, with the image's colours.
 
         Where predict had to assume the camera, points assume it too, with a ``DepthcliWarning``.
 

@@ -1,4 +1,4 @@
-"""The Python API: a model that predicts depth maps of pictures.
+"""The Python API: a model that predicts depth maps of images.
 
 >>> import depthcli
 >>> model = depthcli.load_model()
@@ -26,12 +26,12 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.providers import AUTO
 from depthcli.io.images.pixels import check_levels
-from depthcli.io.images.read import Picture, frame_of
+from depthcli.io.images.read import ImageLike, frame_of
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
 from depthcli.known.points import KnownDepth
 from depthcli.models.card import ModelCard
 
-_Task: TypeAlias = tuple[Picture, KnownDepth | None]
+_Task: TypeAlias = tuple[ImageLike, KnownDepth | None]
 _Reader: TypeAlias = tuple[Callable[[], Frame], KnownDepth | None]
 
 
@@ -43,14 +43,14 @@ def _readers(tasks: Iterable[_Task], white_level: int | None) -> Iterator[_Reade
     raises an error, the last function raises it.
     """
     try:
-        for picture, points in tasks:
-            if isinstance(picture, (bytearray, memoryview)):
-                yield partial(frame_of, bytes(picture), white_level), points
-            elif isinstance(picture, (str, bytes, os.PathLike)):
-                yield partial(frame_of, picture, white_level), points
+        for image, points in tasks:
+            if isinstance(image, (bytearray, memoryview)):
+                yield partial(frame_of, bytes(image), white_level), points
+            elif isinstance(image, (str, bytes, os.PathLike)):
+                yield partial(frame_of, image, white_level), points
             else:
-                frame = frame_of(picture, white_level)
-                if frame is picture:
+                frame = frame_of(image, white_level)
+                if frame is image:
                     frame = replace(frame, pixels=frame.pixels.copy())
                 yield partial(frame_of, frame), points
     except Exception as error:  # noqa: BLE001 - raised at its position
@@ -121,7 +121,7 @@ class DepthModel:
 
     def predict(
         self,
-        picture: Picture,
+        image: ImageLike,
         *,
         focal_px: float | None = None,
         hfov_deg: float | None = None,
@@ -129,42 +129,42 @@ class DepthModel:
         anchors_fit: str | None = None,
         white_level: int | None = None,
     ) -> DepthMap:
-        """Depth of every pixel of a picture.
+        """Depth of every pixel of an image.
 
         Args:
-            picture: a path; the bytes of a file; an array (H, W) gray or (H, W, 3) RGB of uint8,
-                uint16 or float32 in [0, 1], or with alpha; a PIL picture; a ``Frame``.
-            focal_px: focal length in pixels of the picture.
+            image: a path; the bytes of a file; an array (H, W) gray or (H, W, 3) RGB of uint8,
+                uint16 or float32 in [0, 1], or with alpha; a PIL image; a ``Frame``.
+            focal_px: focal length in pixels of the image.
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``. With neither,
-                the 35-mm focal length in the picture's EXIF is used, if it has one, else the camera
+                the 35-mm focal length in the image's EXIF is used, if it has one, else the camera
                 that the model learned is assumed; ``camera_source`` of the map states which.
             anchors: known points that metres are fitted to; see :meth:`DepthMap.fit_anchors`. None
                 for no fit.
             anchors_fit: ``global``: scale and shift alone; ``local``: then also what these leave;
                 ``network``: by a model that takes known depth; None for the last of these that is
                 possible. The map's ``anchor_fit`` states which.
-            white_level: value of white in a 16-bit picture, such as 4095 for data of 12 bits; None
+            white_level: value of white in a 16-bit image, such as 4095 for data of 12 bits; None
                 for 65535. Not for a ``Frame``, whose white is 65535.
 
         Returns:
-            (H, W) of the upright picture; of an EXR, of its display window.
+            (H, W) of the upright image; of an EXR, of its display window.
 
         Raises:
-            InputError: the picture cannot be read, or is not a picture, or the known points do
+            InputError: the image cannot be read, or is not an image, or the known points do
                 not fit it.
             ModelError: the network failed.
             UsageError: the camera, the known points or the white level are not valid.
         """
         camera = Intrinsics.given(focal_px, hfov_deg)
         points = None if anchors is None else known_depth_of(anchors, anchors_fit)
-        frame = frame_of(picture, white_level)
+        frame = frame_of(image, white_level)
         depth, texts = _displayed(self._job.run(ImageTask(frame, camera, points)), frame)
         warn_all(texts)
         return depth
 
     def predict_many(
         self,
-        pictures: Iterable[Picture],
+        images: Iterable[ImageLike],
         *,
         focal_px: float | None = None,
         hfov_deg: float | None = None,
@@ -175,31 +175,31 @@ class DepthModel:
         batch_size: int = 1,
         workers: int = 0,
     ) -> Iterator[DepthMap]:
-        """Depth of a stream of pictures of one camera, in their order and in constant memory.
+        """Depth of a stream of images of one camera, in their order and in constant memory.
 
         Args:
-            pictures: as in :meth:`predict`, like the other arguments; read when they are needed.
+            images: as in :meth:`predict`, like the other arguments; read when they are needed.
             focal_px: of all of them.
             hfov_deg: of all of them.
             anchors: of all of them.
-            anchors_each: in place of ``anchors``, those of each picture, None for none.
+            anchors_each: in place of ``anchors``, those of each image, None for none.
             anchors_fit: of all of them.
             white_level: of all of them.
-            batch_size: pictures in one run of the network, which is faster on a GPU.
+            batch_size: images in one run of the network, which is faster on a GPU.
             workers: threads; 0 works in the calling thread and never reads ahead, which suits a
                 live camera. N read ahead 2 N batches; use all cores for a folder.
 
         Returns:
-            An iterator of one map a picture. An error of :meth:`predict`, or of the iterator of
-            pictures, is raised at its position, after the maps before it, and ends the iterator.
+            An iterator of one map an image. An error of :meth:`predict`, or of the iterator of
+            images, is raised at its position, after the maps before it, and ends the iterator.
 
         Raises:
-            UsageError: the camera or white level is not valid, or ``pictures`` is a single one.
+            UsageError: the camera or white level is not valid, or ``images`` is a single one.
         """
         camera = Intrinsics.given(focal_px, hfov_deg)
         points = None if anchors is None else known_depth_of(anchors, anchors_fit)
         check_levels(white_level)
-        _check_several(pictures, batch_size, workers)
+        _check_several(images, batch_size, workers)
         if not (anchors is None or anchors_each is None):
             raise UsageError("give anchors of all images, or of each, not both")
         points_each: Iterable[KnownDepth | None] = itertools.repeat(points)
@@ -229,7 +229,7 @@ class DepthModel:
                 *problem,
             ]
 
-        readers = _readers(zip(pictures, points_each, strict=anchors_each is not None), white_level)
+        readers = _readers(zip(images, points_each, strict=anchors_each is not None), white_level)
         batches = iter(lambda: list(itertools.islice(readers, batch_size)), [])
         return _maps(ordered_map(predicted, batches, workers=workers))
 
@@ -251,9 +251,9 @@ def _maps(batches: Generator[list[_Displayed | Exception], None, None]) -> Itera
             yield depth
 
 
-def _check_several(pictures: object, batch_size: int, workers: int) -> None:
+def _check_several(images: object, batch_size: int, workers: int) -> None:
     if batch_size < 1 or workers < 0:
         raise UsageError("give a batch_size of 1 or more, and workers of 0 or more")
-    is_single = getattr(pictures, "ndim", _BATCH_RANK) < _BATCH_RANK  # of arrays and tensors
-    if is_single or isinstance(pictures, _SINGLE) or not hasattr(pictures, "__iter__"):
+    is_single = getattr(images, "ndim", _BATCH_RANK) < _BATCH_RANK  # of arrays and tensors
+    if is_single or isinstance(images, _SINGLE) or not hasattr(images, "__iter__"):
         raise UsageError("predict_many takes several images", "use predict for one")

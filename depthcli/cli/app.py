@@ -50,7 +50,7 @@ def _prepare() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # no traceback before handlers are installed
     # Garbage collection of a hundred thousand permanent objects, while modules load and at exit,
-    # would take a tenth of the time of one picture.
+    # would take a tenth of the time of one image.
     gc.set_threshold(_GC_THRESHOLD)
     # NumPy's OpenBLAS starts a thread per core that spins for 60 ms before it sleeps, while the
     # model loads on the same cores. This lets the threads sleep at once.

@@ -58,7 +58,7 @@ def _rows_at(values: Float32Array, place: FloatArray) -> Float32Array:
 
 
 def resize_area(values: Float32Array, width: int, height: int) -> Float32Array:
-    """Mean over each output pixel's area where it shrinks, bilinear where it grows: pictures."""
+    """Mean over each output pixel's area where it shrinks, bilinear where it grows: images."""
     if values.shape[:2] == (height, width):
         return values
     rows, columns = values.shape[:2]
@@ -108,7 +108,7 @@ def resize_antialiased(
 
 
 def _eight_bits(values: Float32Array) -> Float32Array:
-    """Colours in [0, 1], rounded to those of 8-bit pictures; halves up, as libraries do."""
+    """Colours in [0, 1], rounded to those of 8-bit images; halves up, as libraries do."""
     levels = np.floor(values * 255 + 0.5).clip(0, 255)
     return np.asarray(levels / np.float32(255), np.float32)
 
@@ -167,7 +167,7 @@ def filled_nearest(values: Float32Array, valid: BoolArray) -> Float32Array:
 
 
 def row_bands(width: int, height: int) -> Iterator[slice]:
-    """Rows of a picture from top to bottom, about :data:`BAND_PIXELS` pixels at a time."""
+    """Rows of an image from top to bottom, about :data:`BAND_PIXELS` pixels at a time."""
     count = -(-height // -(-height * width // BAND_PIXELS))
     for top in range(0, height, count):
         yield slice(top, min(top + count, height))
@@ -251,9 +251,9 @@ _LEAST_SIDE_PX = 48  # the window is too large a part of smaller maps to tell ed
 def upsample_guided(
     depth: Float32Array, frame: Frame, *, in_log: bool, radius: int = 1
 ) -> Float32Array:
-    """Depth at the picture's size, whose edges follow those of the picture.
+    """Depth at the image's size, whose edges follow those of the image.
 
-    It is bilinear if the picture is no larger than the map, or the map has holes. The result is
+    It is bilinear if the image is no larger than the map, or the map has holes. The result is
     (H, W) float32, within the range of ``depth``, (h, w) float32, near each pixel. With ``in_log``,
     log depth is filtered, which treats edges alike near and far, and edges are made steeper;
     ``depth`` must be above 0 then. The radius of the window is the width of a pixel of the
@@ -283,7 +283,7 @@ def sample_bilinear(values: Float32Array, row: Float64Array, column: Float64Arra
 class GuidedMap(NamedTuple):
     """Coefficients of a guided filter at a coarse size, to be applied at any larger size."""
 
-    #: (h, w) float32, change of the map with the picture's brightness
+    #: (h, w) float32, change of the map with the image's brightness
     slope: Float32Array
     offset: Float32Array  #: (h, w) float32, the map where brightness is 0
     low: Float32Array  #: (h, w) float32, least value of the map near each pixel
@@ -293,7 +293,7 @@ class GuidedMap(NamedTuple):
     def fit(
         cls, coarse: Float32Array, guide: Float32Array, radius: int = 1, *, sharpens: bool = False
     ) -> Self:
-        """Fit ``coarse``, finite, to the picture's brightness at its size; (h, w) float32 both.
+        """Fit ``coarse``, finite, to the image's brightness at its size; (h, w) float32 both.
 
         ``sharpens`` makes edges of log depth steeper, within a range of twice the radius, and
         leaves out the texture of planes.
@@ -317,7 +317,7 @@ class GuidedMap(NamedTuple):
         return cls(slope, offset, low, high)
 
     def rows(self, guide: Float32Array, rows: slice, height: int) -> Float32Array:
-        """Some rows of the map at the picture's size, clamped to the coarse map's local range.
+        """Some rows of the map at the image's size, clamped to the coarse map's local range.
 
         ``guide`` is (n, W) float32 in [0, 1], the brightness of these rows; so is the result.
         """

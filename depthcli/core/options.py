@@ -28,8 +28,8 @@ def chosen(kind: type[_Choice], value: str, what: str) -> _Choice:
 class Upsampling(StrEnum):
     """Upsampling of depth from the network's size to the image's."""
 
-    GUIDED = "guided"  #: edges follow those of the picture
-    BILINEAR = "bilinear"  #: bilinear interpolation; the picture is not used
+    GUIDED = "guided"  #: edges follow those of the image
+    BILINEAR = "bilinear"  #: bilinear interpolation; the image is not used
     MODEL = "model"  #: as the model's authors do, if its card says; else bilinear
 
 
@@ -77,9 +77,9 @@ class DepthEncoding(StrEnum):
 
 
 MILLIMETRES = 1000.0  #: default units per metre of 16-bit depth
-AUTO_TILE = 0  #: stands for tiles of 3/4 of the picture's width; see docs/sharpness.md
+AUTO_TILE = 0  #: stands for tiles of 3/4 of the image's width; see docs/sharpness.md
 GPU_BATCH = 8  #: batch size of the network on other providers than the CPU
-MAX_PIXELS = 250_000_000  #: larger pictures are refused, unless another limit is given
+MAX_PIXELS = 250_000_000  #: larger images are refused, unless another limit is given
 
 
 class DepthFit(StrEnum):
@@ -94,8 +94,8 @@ class DepthFit(StrEnum):
 class UpsamplingOptions:
     """Upsampling and tiling from a network's output to a full-size image."""
 
-    upsampling: Upsampling = Upsampling.GUIDED  #: how depth gets the picture's size
-    #: width of tiles in pixels of the picture; None for no tiles, 0 for 3/4 of its width
+    upsampling: Upsampling = Upsampling.GUIDED  #: how depth gets the image's size
+    #: width of tiles in pixels of the image; None for no tiles, 0 for 3/4 of its width
     tile_px: int | None = None
     mask: DepthMask = DepthMask.NONE  #: which pixels get no depth
 

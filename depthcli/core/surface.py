@@ -151,7 +151,7 @@ class PointCloud:
     """One point for each pixel with depth, row by row."""
 
     xyz_m: Float32Array  #: (N, 3) metres: x right, y down, z along the camera axis
-    rgb: UInt8Array | None = None  #: (N, 3), of the picture; None without one
+    rgb: UInt8Array | None = None  #: (N, 3), of the image; None without one
 
     def __len__(self) -> int:
         return len(self.xyz_m)

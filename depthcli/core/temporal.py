@@ -26,7 +26,7 @@ _MOVING_SHARE = np.float32(0.6)  # of a change of brightness that flow leaves; o
 _NO_CHANGE = np.float32(1e-7)
 _REPEAT = cv2.BORDER_REPLICATE
 _MAX_PAST = 60  # frames that count without look-ahead
-_MIN_FLOW_PX = 32  # OpenCV's optical flow reads beyond the memory of smaller pictures
+_MIN_FLOW_PX = 32  # OpenCV's optical flow reads beyond the memory of smaller images
 _MIN_SHARE = 0.02  # of a cell's surroundings that has depth before and now
 
 
@@ -56,7 +56,7 @@ class Change:
 
 
 class ChangeDetector:
-    """Compares each picture of a video with the one before.
+    """Compares each image of a video with the one before.
 
     It is a cut if the mean change is at least 8 % of full brightness and at least three times the
     running mean of the changes in this scene.
@@ -67,7 +67,7 @@ class ChangeDetector:
         self._mean_change = 0.0
 
     def step(self, thumbnail: Float32Array) -> Change:
-        """The change to the next picture's :func:`thumbnail`; the first picture is a cut."""
+        """The change to the next image's :func:`thumbnail`; the first image is a cut."""
         blurred = _blurred(thumbnail)
         before, self._blurred = self._blurred, blurred
         if before is None or before.shape != blurred.shape:
@@ -81,7 +81,7 @@ class ChangeDetector:
 
 
 def thumbnail(pixels: npt.NDArray[np.generic]) -> Float32Array:
-    """A picture's luma, its long side at most 192 pixels; (h, w) float32 in [0, 1]."""
+    """An image's luma, its long side at most 192 pixels; (h, w) float32 in [0, 1]."""
     height, width = pixels.shape[:2]
     scale = min(1.0, THUMBNAIL_PX / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
@@ -131,10 +131,10 @@ class _Link(NamedTuple):
 
 
 class Deflicker:
-    """Takes the slow part of flicker out of depth, also where the picture moves.
+    """Takes the slow part of flicker out of depth, also where the image moves.
 
     A network's depth swells and shrinks by some percent from frame to frame, over large parts of
-    the picture. The change between neighbours is measured along the optical flow, averaged over
+    the image. The change between neighbours is measured along the optical flow, averaged over
     some pixels of the thumbnail, and added up. Each frame is then moved to the mean of those around
     it in its scene, whose weights decay exponentially with time. Edges stay, as the correction is
     smooth. The mean reaches as far back as ahead, so that a steady change, as of a camera that
@@ -157,20 +157,20 @@ class Deflicker:
         """Take the next frame; return what is now known of frames before it and of it, in order.
 
         Args:
-            thumbnail: the picture, (h, w) float32 in [0, 1].
+            thumbnail: the image, (h, w) float32 in [0, 1].
             values: its :func:`to_log` of the same size, NaN where there is no depth.
             decay: of weights since the frame before; see :func:`ema_decay`.
             is_cut: whether a new scene begins.
         """
         done = self.finish() if is_cut else []
-        picture = _blurred(thumbnail)
-        before, self._before = self._before, (picture, values)
+        image = _blurred(thumbnail)
+        before, self._before = self._before, (image, values)
         if is_cut or before is None:
             rows, columns = (max(1, size // _CELL_PX) for size in thumbnail.shape)
             nothing = np.zeros((rows, columns), np.float32)
             link = _Link(nothing, nothing, 0.0)
         else:
-            link = _Link(*self._change(*before, picture, values), decay)
+            link = _Link(*self._change(*before, image, values), decay)
         self._waiting.append(link)
         if len(self._waiting) > self._look_ahead:
             done.append(self._oldest())
@@ -188,14 +188,14 @@ class Deflicker:
 
     def _change(
         self,
-        picture_before: Float32Array,
+        image_before: Float32Array,
         before: Float32Array,
-        picture: Float32Array,
+        image: Float32Array,
         values: Float32Array,
     ) -> tuple[Float32Array, Float32Array]:
         """Rise and stillness between two frames, on the grid."""
         height, width = values.shape
-        x_px, y_px = self._motion(picture_before, picture)
+        x_px, y_px = self._motion(image_before, image)
         rows, columns = np.arange(height, dtype=np.float32), np.arange(width, dtype=np.float32)
         places = x_px + columns, y_px + rows[:, np.newaxis]
         there = cv2.remap(
@@ -207,8 +207,8 @@ class Deflicker:
         )
         rise = there - values
         is_known = np.isfinite(rise)
-        still = picture_before - picture
-        moved = cv2.remap(picture_before, *places, cv2.INTER_LINEAR, borderMode=_REPEAT) - picture
+        still = image_before - image
+        moved = cv2.remap(image_before, *places, cv2.INTER_LINEAR, borderMode=_REPEAT) - image
         fine = np.dstack([np.where(is_known, rise, 0), is_known, still * still, moved * moved])
         cells = max(1, width // _CELL_PX), max(1, height // _CELL_PX)
         coarse = cv2.GaussianBlur(
@@ -220,13 +220,13 @@ class Deflicker:
         return mean, np.asarray(np.clip((left - _MOVING_SHARE) / (1 - _MOVING_SHARE), 0, 1))
 
     def _motion(
-        self, before: Float32Array, picture: Float32Array
+        self, before: Float32Array, image: Float32Array
     ) -> tuple[Float32Array, Float32Array]:
-        """Columns and rows from each pixel to its place in the picture before; 0 in small ones."""
-        if min(picture.shape) < _MIN_FLOW_PX:
-            return np.zeros_like(picture), np.zeros_like(picture)
-        now, then = (np.rint(each * 255).astype(np.uint8) for each in (picture, before))
-        flow = np.asarray(self._flow.calc(now, then, np.zeros((*picture.shape, 2), np.float32)))
+        """Columns and rows from each pixel to its place in the image before; 0 in small ones."""
+        if min(image.shape) < _MIN_FLOW_PX:
+            return np.zeros_like(image), np.zeros_like(image)
+        now, then = (np.rint(each * 255).astype(np.uint8) for each in (image, before))
+        flow = np.asarray(self._flow.calc(now, then, np.zeros((*image.shape, 2), np.float32)))
         return np.ascontiguousarray(flow[..., 0]), np.ascontiguousarray(flow[..., 1])
 
 
@@ -261,7 +261,7 @@ def _rise_to_trend(past: Sequence[_Link], future: Sequence[_Link], has_trend: bo
 class Smoother:
     """An exponential moving average of log depth where nothing moves.
 
-    The weight of the past is ``decay * static_weight * stillness``: less where the picture changes
+    The weight of the past is ``decay * static_weight * stillness``: less where the image changes
     or moves, none where it does so much, and none at a cut.
     """
 
@@ -290,7 +290,7 @@ class Smoother:
 
 
 class FlickerMeter:
-    """Measures how much depth changes from frame to frame where the picture hardly changes.
+    """Measures how much depth changes from frame to frame where the image hardly changes.
 
     The value is the mean absolute change of log depth against the frame before, over all pixels
     whose brightness changed by less than 2 % and all frames but the first of each scene: 0.01 is a

@@ -1,4 +1,4 @@
-"""The central types: a picture (input), a network's codec, and a depth map (output)."""
+"""The central types: an image (input), a network's codec, and a depth map (output)."""
 
 import math
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ from depthcli.core.options import DepthFit, Projection, chosen
 from depthcli.errors import InputError
 
 _GRAY_RANK, _RGB = 2, 3
-# Colours out of gamut and resampling make some negatives; a picture in [-1, 1] has many.
+# Colours out of gamut and resampling make some negatives; an image in [-1, 1] has many.
 _ROUNDING, _NEGATIVE_SHARE = 0.01, 0.1
 _LIT_SHARE = 0.01  # a few bright pixels on black are highlights
 
@@ -46,7 +46,7 @@ def check_pixels(pixels: AnyArray) -> None:
 
 
 def is_out_of_range(pixels: Float32Array, low: float, high: float) -> bool:
-    """Whether a finite picture, from ``low`` to ``high``, is in another range than [0, 1].
+    """Whether a finite image, from ``low`` to ``high``, is in another range than [0, 1].
 
     Highlights may be above 1, if they are less than half of what is not black.
     """
@@ -164,13 +164,13 @@ def has_depth(values: FloatArray, kind: DepthKind = DepthKind.METRIC) -> BoolArr
 # Compared by identity: == of two arrays gives an array.
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One decoded picture, upright."""
+    """One decoded image, upright."""
 
     #: (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1]; without alpha
     pixels: UInt8Array | UInt16Array | Float32Array
     path: Path | None = None  #: where it came from; None for stdin or an array
-    index: int = 0  #: its number in the source, 0 for a still picture
-    timestamp_s: float | None = None  #: time in a video, in seconds; None for a still picture
+    index: int = 0  #: its number in the source, 0 for a still image
+    timestamp_s: float | None = None  #: time in a video, in seconds; None for a still image
     orientation: int = 1  #: EXIF orientation (1-8) that was undone on reading
     #: EXIF 35-mm-equivalent focal length in millimetres, as stated or by the sensor's size
     focal_35mm: float | None = None
@@ -250,7 +250,7 @@ class Provenance:
     model_sha256: str | None = None  #: checksum of the ONNX file, 64 hex digits
     input_size_px: tuple[int, int] | None = None  #: (width, height) of the network's input tensor
     focal_px: float | None = None  #: focal length that the metres are for, in widths of pixels
-    orientation: int | None = None  #: EXIF orientation (1-8) of the picture that was undone
+    orientation: int | None = None  #: EXIF orientation (1-8) of the image that was undone
     anchors: tuple[Anchor, ...] = ()  #: listed points that metres were fitted to; none of a map
     camera_source: CameraSource | None = None  #: where ``focal_px`` comes from
     #: (cx, cy), principal point in pixels, where (0, 0) is the middle of the first; None for the
@@ -267,7 +267,7 @@ class Provenance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthMap:
-    """Depth of every pixel of one picture."""
+    """Depth of every pixel of one image."""
 
     #: (H, W) float32, metres for ``DepthKind.METRIC``; NaN where there is no depth; of a file of
     #: another program, also infinity, and for metres 0 and below

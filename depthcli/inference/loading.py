@@ -34,7 +34,7 @@ class SessionLoader:
 
         Imports hold the GIL; reading, checking and loading a model do not. So the file is checked
         while onnxruntime is imported here, and loaded while the caller imports modules that read
-        pictures.
+        images.
         """
         from depthcli.models.catalog import KNOWN_DEPTH_MODEL, find_model  # noqa: PLC0415 - see above
 

@@ -31,7 +31,7 @@ from depthcli.models.card import InputSpec, OutputSpec
 _LONGEST = 2.5  # of images of one shot; phones' panoramas are longer
 _STEP = 4  # pixels between those that are counted
 _END_SHARE, _MANY = 0.02, 0.1  # of the depth at an end of the range; of the pixels
-_MAX_CELLS_A_PIXEL = 4  # of a tiled map; more show nothing of the picture
+_MAX_CELLS_A_PIXEL = 4  # of a tiled map; more show nothing of the image
 
 NETWORK_FROM = 2
 """Number of known points from which a network takes them; of one, a fit is as good."""
@@ -262,7 +262,7 @@ class Pipeline:
             together = [inputs[i] for i in members]
             batch = together[0] if len(together) == 1 else np.concatenate(together)
             raw = self.session.outputs(batch, [known_depth[i] for i in members])
-            outputs |= {member: raw.picture(i) for i, member in enumerate(members)}
+            outputs |= {member: raw.image(i) for i, member in enumerate(members)}
         return [outputs[i] for i in range(len(inputs))]
 
     def _provenance(
@@ -355,7 +355,7 @@ def _camera_warnings(depth: DepthMap, frame: Frame) -> tuple[str, ...]:
 
 
 def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> int | None:
-    """Width of the tiles of a picture in its pixels; None if it is not tiled."""
+    """Width of the tiles of an image in its pixels; None if it is not tiled."""
     if detail.tile_px is None:
         return None
     if spec.known_depth is not None:

@@ -59,15 +59,15 @@ def _output_names(session: ort.InferenceSession, model: Model) -> dict[str, str]
 
 
 class RawOutputs(NamedTuple):
-    """The outputs of a network for some pictures."""
+    """The outputs of a network for some images."""
 
     maps: Float32Array  #: (N, h, w), of the card's codec; (N, h, w, 3) of points
     mask: Float32Array | None = None  #: (N, h, w), of the card's mask; None without one
     hfov_deg: Float32Array | None = None  #: (N,); None if the network tells none
     scale: Float32Array | None = None  #: (N,) factor of points; None for 1
 
-    def picture(self, i: int) -> "RawOutputs":
-        """The outputs of one picture, without the first axis."""
+    def image(self, i: int) -> "RawOutputs":
+        """The outputs of one image, without the first axis."""
         more = (None if output is None else output[i] for output in self[1:])
         return RawOutputs(self.maps[i], *more)
 
@@ -206,7 +206,7 @@ class Session:
             or not 0 < maps[0].size <= MAX_INPUT_PIXELS
         ):
             raise ModelError(
-                f"{self.model.path} gives {raw.shape}, not one depth map a picture: (N, h, w), "
+                f"{self.model.path} gives {raw.shape}, not one depth map an image: (N, h, w), "
                 "(N, 1, h, w) or (N, h, w, 1); use a depth model, or export it again"
             )
         return np.asarray(maps, np.float32)
@@ -223,7 +223,7 @@ def _start(
         options.intra_op_num_threads = int(threads)
     if threads is None or threads > usable_cores():
         # Threads that spin between operators take time from loading, decoding and encoding on the
-        # other cores: without spinning, the first picture is faster and the next ones are as fast.
+        # other cores: without spinning, the first image is faster and the next ones are as fast.
         # That holds for onnxruntime's default pinned threads, not for a given number; but more
         # threads than cores would slow each other down, 1024 of them for a minute.
         options.add_session_config_entry("session.intra_op.allow_spinning", "0")
@@ -277,7 +277,7 @@ def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tupl
             f"{spec.layout.value}; correct input.colour or input.layout in the card"
         )
     if lengths[0] not in {None, 1}:
-        problem = f"{model.path} takes {lengths[0]} pictures at once"
+        problem = f"{model.path} takes {lengths[0]} images at once"
         raise ModelError(problem, "export it with a batch of one, or a dynamic one")
     return str(first.name), (lengths[0], channels, *lengths[1:])
 

@@ -1,7 +1,7 @@
-"""Large pictures in overlapping tiles, each fitted to a pass over the whole picture.
+"""Large images in overlapping tiles, each fitted to a pass over the whole image.
 
 A network sees a tile at a higher resolution, but without its surroundings, so its depth has another
-scale, which also drifts. Each tile is fitted to the whole picture's depth by scale and shift, the
+scale, which also drifts. Each tile is fitted to the whole image's depth by scale and shift, the
 low-frequency part of the remaining difference is subtracted, and overlapping tiles are blended.
 """
 
@@ -23,12 +23,12 @@ from depthcli.models.card import OutputSpec
 _OVERLAP_SHARE = 0.25
 # Sigma of the Gaussian that gives a tile's drift, as a share of its longer side.
 _DRIFT_SIGMA_SHARE = 0.1
-# Weight of a scale of one, which matters where the whole picture's map is flat.
+# Weight of a scale of one, which matters where the whole image's map is flat.
 _PRIOR_WEIGHT = 0.01
 
 
 class TileGrid(NamedTuple):
-    """The tiles of a picture, in cells, which are pixels of the coarse map."""
+    """The tiles of an image, in cells, which are pixels of the coarse map."""
 
     width: int  #: columns of the whole map
     height: int  #: rows of the whole map
@@ -36,9 +36,9 @@ class TileGrid(NamedTuple):
 
     @classmethod
     def plan(cls, frame_width: int, tile_px: int, coarse_shape: tuple[int, ...]) -> Self:
-        """Tiles with the picture's own aspect, so that the network's input has the same shape.
+        """Tiles with the image's own aspect, so that the network's input has the same shape.
 
-        Widths are in the picture's pixels; ``coarse_shape`` is that of the network's depth.
+        Widths are in the image's pixels; ``coarse_shape`` is that of the network's depth.
         """
         zoom = frame_width / tile_px
         height, width = (round(length * zoom) for length in coarse_shape)
@@ -56,11 +56,11 @@ def refine(
     tile_px: int,
     predict: Callable[[Frame], Float32Array],
 ) -> Float32Array:
-    """A finer map of a picture, from tiles.
+    """A finer map of an image, from tiles.
 
     Tiles are fitted and blended in log depth if the model is metric, else in its own values. The
-    result is finer than ``overall``, (h, w) float32 of the whole picture, by the ratio of the
-    picture's width to ``tile_px``; it is ``overall`` itself if that has holes. ``predict`` gives
+    result is finer than ``overall``, (h, w) float32 of the whole image, by the ratio of the
+    image's width to ``tile_px``; it is ``overall`` itself if that has holes. ``predict`` gives
     the depth of a tile at the network's size.
     """
     if not np.isfinite(overall).all():
@@ -86,7 +86,7 @@ def _blend_tiles(
     total, weight = np.zeros_like(whole), np.zeros_like(whole)
     for tile in grid.tiles:
         depth = resize_bilinear(predict(_cropped(frame, grid, tile)), *tile_size)
-        # A tile with holes is replaced by the whole picture's map.
+        # A tile with holes is replaced by the whole image's map.
         good = np.isfinite(depth).all()
         total[tile] += weights * (_fit_tile(depth, whole[tile], small) if good else whole[tile])
         weight[tile] += weights
@@ -109,7 +109,7 @@ def _cropped(frame: Frame, grid: TileGrid, tile: tuple[slice, slice]) -> Frame:
 
 
 def _pixels_of(part: slice, size: int, cells: int) -> slice:
-    """The pixels of some cells along an axis of the picture, at least one."""
+    """The pixels of some cells along an axis of the image, at least one."""
     start = min(round(part.start * size / cells), size - 1)
     return slice(start, max(start + 1, round(part.stop * size / cells)))
 
@@ -121,9 +121,9 @@ def _blend_weights(height: int, width: int) -> Float32Array:
 
 
 def _fit_tile(depth: Float32Array, coarse: Float32Array, small: tuple[int, ...]) -> Float32Array:
-    """A tile's map fitted to the whole picture's by least squares, with its drift removed.
+    """A tile's map fitted to the whole image's by least squares, with its drift removed.
 
-    The scale is fitted at the size ``small``, (columns, rows) of the whole picture's map before it
+    The scale is fitted at the size ``small``, (columns, rows) of the whole image's map before it
     was enlarged, because detail of the tile alone would bias it.
     """
     mean_found, mean_wanted = depth.mean(dtype=np.float64), coarse.mean(dtype=np.float64)
@@ -131,7 +131,7 @@ def _fit_tile(depth: Float32Array, coarse: Float32Array, small: tuple[int, ...])
     y = resize_area(coarse, *small) - mean_wanted
     prior = _PRIOR_WEIGHT * float(depth.var(dtype=np.float64))
     spread = float((x * x).mean()) + prior
-    # If a tile contradicts the whole picture, its detail is not used.
+    # If a tile contradicts the whole image, its detail is not used.
     scale = max(0.0, (float((x * y).mean()) + prior) / spread) if spread > 0 else 1.0
     aligned = np.asarray(scale * (depth - mean_found) + mean_wanted, np.float32)
     sigma = _DRIFT_SIGMA_SHARE * max(depth.shape)

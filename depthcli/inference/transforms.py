@@ -44,33 +44,33 @@ _ENLARGINGS = {
     Enlarging.LINEAR_CORNERS: imageops.resize_corners,
     Enlarging.CUBIC: imageops.resize_cubic,
 }
-_LARGE_PIXELS = 4_000_000  # larger pictures are converted to float in bands
-# Times the shorter side; longer pictures are padded to that. Chosen on held-out pairs, on which a
+_LARGE_PIXELS = 4_000_000  # larger images are converted to float in bands
+# Times the shorter side; longer images are padded to that. Chosen on held-out pairs, on which a
 # longer input of the same area is worse: docs/accuracy.md.
 _MAX_ASPECT = 2
 _GRID_PX = 2  # pixels of the input for one of a smaller output
 _WRONG, _LEAST_WRONG = 6.95, 0.005  # median deviations, and of log depth: doubtful from there on
-_MAX_AREA_FACTOR = 16  # times the nominal pixel count, for a picture that is one long strip
+_MAX_AREA_FACTOR = 16  # times the nominal pixel count, for an image that is one long strip
 
 
 class Layout(NamedTuple):
-    """Position of the picture in the network's input; all in pixels of that input."""
+    """Position of the image in the network's input; all in pixels of that input."""
 
     width: int  #: columns of the whole input
     height: int  #: rows of the whole input
-    left: int  #: first column of the picture
-    top: int  #: first row of the picture
-    inner_width: int  #: columns of the picture
-    inner_height: int  #: rows of the picture
+    left: int  #: first column of the image
+    top: int  #: first row of the image
+    inner_width: int  #: columns of the image
+    inner_height: int  #: rows of the image
 
     @property
     def is_padded(self) -> bool:
-        """Whether the picture fills less than the whole input."""
+        """Whether the image fills less than the whole input."""
         return (self.inner_width, self.inner_height) != (self.width, self.height)
 
 
 def input_layout(spec: InputSpec, width: float, height: float) -> Layout:
-    """The layout of a picture of ``width`` x ``height`` square pixels."""
+    """The layout of an image of ``width`` x ``height`` square pixels."""
     if spec.fit is Fit.STRETCH:
         return _without_padding(spec.width, spec.height)
     if spec.fit is Fit.LOWER_BOUND or spec.fit is Fit.UPPER_BOUND:
@@ -84,7 +84,7 @@ def input_layout(spec: InputSpec, width: float, height: float) -> Layout:
 
 
 def prepare(spec: InputSpec, frame: Frame) -> tuple[Float32Array, Layout]:
-    """The network's input for a picture, (1, C, H, W) float32, normalized; and its layout."""
+    """The network's input for an image, (1, C, H, W) float32, normalized; and its layout."""
     layout = input_layout(spec, frame.width * frame.pixel_aspect, frame.height)
     planes, size = _PLANES[spec.colour], (layout.inner_width, layout.inner_height)
     if spec.resize is Resize.AREA and frame.width * frame.height > _LARGE_PIXELS:
@@ -203,7 +203,7 @@ def _letterboxed(spec: InputSpec, columns: int, rows: int, width: float, height:
 
 
 def _on_grid(padded: Layout) -> Layout:
-    """The layout whose picture begins and ends with a pixel of an output of half the size."""
+    """The layout whose image begins and ends with a pixel of an output of half the size."""
     size, inner = padded[:2], [_multiple(side, _GRID_PX) for side in padded[4:]]
     corner = [(a - b) // 2 // _GRID_PX * _GRID_PX for a, b in zip(size, inner, strict=True)]
     return Layout(*size, *corner, *inner)
@@ -235,7 +235,7 @@ def _bounded(spec: InputSpec, width: float, height: float) -> Layout:
 
 
 def _minimal(spec: InputSpec, width: float, height: float) -> tuple[float, float]:
-    """The sides of a picture that is scaled to one of the nominal ones, as little as possible.
+    """The sides of an image that is scaled to one of the nominal ones, as little as possible.
 
     Source: ``Resize.get_size`` with "minimal" of https://github.com/isl-org/MiDaS.
     """
@@ -245,7 +245,7 @@ def _minimal(spec: InputSpec, width: float, height: float) -> tuple[float, float
 
 
 def _longest_side(spec: InputSpec, width: float, height: float) -> tuple[int, int]:
-    """The sides of a picture whose longest is the nominal width, in whole pixels.
+    """The sides of an image whose longest is the nominal width, in whole pixels.
 
     Source: ``InputProcessor`` of https://github.com/ByteDance-Seed/Depth-Anything-3.
     """
@@ -263,7 +263,7 @@ def _longest_side_multiples(spec: InputSpec, width: float, height: float) -> tup
 
 
 def _own_size(spec: InputSpec, width: float, height: float) -> tuple[float, float]:
-    """The sides of a picture without the rest of its last multiple."""
+    """The sides of an image without the rest of its last multiple."""
     scale, step = min(1.0, math.sqrt(MAX_INPUT_PIXELS / (width * height))), spec.multiple_of
     return scale * width // step * step, scale * height // step * step
 
@@ -280,7 +280,7 @@ def _multiple(size: float, step: int) -> int:
 
 
 def coarse_depth(spec: OutputSpec, raw: Float32Array, layout: Layout) -> Float32Array:
-    """Depth of one picture from the network's raw output (h, w), (h, w) float32 of the card's kind.
+    """Depth of one image from the network's raw output (h, w), (h, w) float32 of the card's kind.
 
     Infinities are replaced, because resizing would turn them into NaN.
     """
@@ -295,9 +295,9 @@ def coarse_depth(spec: OutputSpec, raw: Float32Array, layout: Layout) -> Float32
 def full_size(
     spec: OutputSpec, coarse: Float32Array, frame: Frame, upsampling: Upsampling, radius: int = 1
 ) -> Float32Array:
-    """Depth at the picture's size, (H, W) float32; metres within the card's range, NaN at 0 m.
+    """Depth at the image's size, (H, W) float32; metres within the card's range, NaN at 0 m.
 
-    ``coarse`` is (h, w) float32 of the whole picture, ``radius`` that of the guided filter in it.
+    ``coarse`` is (h, w) float32 of the whole image, ``radius`` that of the guided filter in it.
     """
     in_log = blends_in_log(spec)
     if upsampling is Upsampling.GUIDED:
@@ -312,13 +312,13 @@ def full_size(
 
 
 def enlarged(spec: OutputSpec, raw: Float32Array, layout: Layout, frame: Frame) -> Float32Array:
-    """Depth at the picture's size, (H, W) float32, by the authors' enlarging of raw output."""
+    """Depth at the image's size, (H, W) float32, by the authors' enlarging of raw output."""
     full = _ENLARGINGS[spec.enlarging](_crop(raw, layout), frame.width, frame.height)
     return in_range(spec, spec.codec.decode(full))
 
 
 def without_depth(spec: MaskSpec, mask: Float32Array, layout: Layout, frame: Frame) -> BoolArray:
-    """Pixels of a picture, (H, W), to which the network's mask (h, w) gives no depth."""
+    """Pixels of an image, (H, W), to which the network's mask (h, w) gives no depth."""
     full = imageops.resize_bilinear(_crop(mask, layout), frame.width, frame.height)
     return lacks_depth(spec, full)
 
@@ -337,14 +337,14 @@ def in_range(spec: OutputSpec, depth: Float32Array) -> Float32Array:
     """Clip metres to the card's range, in place; other kinds have none."""
     if spec.kind is not DepthKind.METRIC:
         return depth
-    # In place, because a copy of a large picture's depth takes much memory.
+    # In place, because a copy of a large image's depth takes much memory.
     return np.clip(depth, np.float32(spec.min_m), np.float32(spec.max_m), out=depth)
 
 
 def _crop(depth: Float32Array, layout: Layout) -> Float32Array:
-    """Crop the picture from a letterbox, if it is in one.
+    """Crop the image from a letterbox, if it is in one.
 
-    A smaller output in which the picture does not begin and end with a pixel is first resized to
+    A smaller output in which the image does not begin and end with a pixel is first resized to
     the input's size.
     """
     if not layout.is_padded:

@@ -12,13 +12,13 @@ _GRAY = 128
 
 
 def try_session(session: Session) -> None:
-    """Run a loaded model on a gray picture of its own size."""
+    """Run a loaded model on a gray image of its own size."""
     spec = session.model.card.input
     _predict_gray(session, spec.height, spec.width)
 
 
 def try_other_size(session: Session) -> None:
-    """Run a model on a wider picture, if its card states that its input may have any size.
+    """Run a model on a wider image, if its card states that its input may have any size.
 
     Graphs of dynamic axes may still hold constants that suit one size, such as embeddings.
     """
@@ -50,7 +50,7 @@ def _predict_gray(session: Session, height: int, width: int) -> None:
 
 
 def depth_for_trial(pipeline: Pipeline, frame: Frame) -> DepthMap:
-    """Depth of a picture; a network that needs known depth gets that of a slope."""
+    """Depth of an image; a network that needs known depth gets that of a slope."""
     if pipeline.card.input.known_depth is None:
         return pipeline.predict(frame).depth
     columns, rows = frame.display_size_px

@@ -77,9 +77,9 @@ _MAX_BYTES = 256 * 2**20
 def read_lenses(path: Path) -> dict[str, Intrinsics]:
     """The camera of each id.
 
-    The first line names the columns: ``id``, and ``focal_px`` (pixels of the picture), ``hfov_deg``
+    The first line names the columns: ``id``, and ``focal_px`` (pixels of the image), ``hfov_deg``
     (horizontal field of view in degrees) or both. In a row with both, ``focal_px`` counts. ``cx``
-    and ``cy``, the principal point in pixels of the picture, are optional. A row without any of
+    and ``cy``, the principal point in pixels of the image, are optional. A row without any of
     these is left out. Other columns are ignored.
     """
     with os_errors_as(InputError, f"{path} cannot be read"):

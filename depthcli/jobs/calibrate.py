@@ -176,7 +176,7 @@ def _points(request: CalibrationRequest, frame: Frame) -> KnownDepth:
         return KnownDepth.of([request.known_object.known_point(focal_px * down)])
     image = Path(frame.path or "")
     if not (isinstance(anchors, tuple) or anchors.is_by_image) and path_of(anchors.path).is_dir():
-        return read_file(anchors.file_for(image.name, picture=image), anchors)
+        return read_file(anchors.file_for(image.name, image=image), anchors)
     return read_known_depth(anchors, image)
 
 

@@ -58,8 +58,8 @@ class ConvertRequest:
     #: what the user states about the source
     stated: DepthReadOptions = field(default_factory=DepthReadOptions)
     camera: Intrinsics = UNKNOWN_CAMERA  #: in place of that of the source; depth is not changed
-    reading: ReadOptions = AS_STATED  #: how the picture is read
-    picture: str | None = None  #: for the colours of a point cloud, or beside a preview
+    reading: ReadOptions = AS_STATED  #: how the image is read
+    image: str | None = None  #: for the colours of a point cloud, or beside a preview
     writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
     overwrite: bool = False  #: whether the target may replace a file of another program
     fps: Fraction | None = None  #: frames a second of numbered files; None for what they state
@@ -106,33 +106,33 @@ def _write_converted(
 ) -> ConvertResult:
     """Write a map that was read from the source of a request; raises the errors of `convert`."""
     displayed = stored.displayed
-    image = None if request.picture is None else _colours(request, request.picture, displayed)
-    displayed = types.with_camera(_with_camera_of(image, displayed), request.camera)
-    views = {stored.frame.view, image.view if image else None} - {None}
+    colours = None if request.image is None else _colours(request, request.image, displayed)
+    displayed = types.with_camera(_with_camera_of(colours, displayed), request.camera)
+    views = {stored.frame.view, colours.view if colours else None} - {None}
     if len(views) > 1:
-        problem = f"depth is of one eye ({stored.frame.view}) and {request.picture} of the other"
+        problem = f"depth is of one eye ({stored.frame.view}) and {request.image} of the other"
         raise InputError(problem, "choose with {from_layer} and {layer}")
-    depth, picture = displayed, image
+    depth, frame = displayed, colours
     if format_.facts.has_overscan:
-        depth, picture = replace(stored.depth, provenance=displayed.provenance), stored.frame
+        depth, frame = replace(stored.depth, provenance=displayed.provenance), stored.frame
     values = np.where(np.isinf(depth.values), np.float32(np.nan), depth.values)  # as PFM has it
     if not (depth.valid.any() or inspect.is_depth_video(paths.path_of(request.source))):
         raise InputError(f"{stored.name} has no pixel with depth, so nothing is written")
-    inputs = [paths.path_of(name) for name in (request.source, request.picture) if name is not None]
+    inputs = [paths.path_of(name) for name in (request.source, request.image) if name is not None]
     guard = Guard.of(inputs, overwrite=request.overwrite)
     with atomic.atomic_path(path, guard=guard) as temporary:
         writing = (
             _sidecar_options(request, stored) if format_ is table.Format.JSON else request.writing
         )
         warnings = table.writer_of(format_, writing).write(
-            replace(depth, values=values), temporary, picture
+            replace(depth, values=values), temporary, frame
         )
         round_trip = None
         if format_.facts.is_readable:
             kind = DepthReadOptions(kind=DepthEncoding(depth.kind))
             round_trip = RoundTrip.of(depth, read_stored_depth(temporary, kind).depth)
-    of_picture = image.warnings if image else ()
-    warnings = (*stored.warnings_with_scale("from_scale"), *of_picture, *warnings)
+    of_image = colours.warnings if colours else ()
+    warnings = (*stored.warnings_with_scale("from_scale"), *of_image, *warnings)
     return ConvertResult(
         paths.safe_name(request.source), str(path), displayed, round_trip, warnings
     )
@@ -162,18 +162,18 @@ def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> WriterOpti
     return writing
 
 
-def _colours(request: ConvertRequest, picture: str, depth: types.DepthMap) -> types.Frame:
+def _colours(request: ConvertRequest, image: str, depth: types.DepthMap) -> types.Frame:
     limit, size = max(MAX_PIXELS, depth.values.size), f"{depth.width}×{depth.height}"
-    frame = read_image(picture, max_pixels=limit, **request.reading._asdict())
+    frame = read_image(image, max_pixels=limit, **request.reading._asdict())
     frame = types.displayed_frame(frame)
     if (image_size := f"{frame.width}×{frame.height}") != size:
-        problem = f"{picture} has {image_size} pixels and the depth {size}"
-        raise InputError(problem, "give the picture that the depth was made of")
+        problem = f"{image} has {image_size} pixels and the depth {size}"
+        raise InputError(problem, "give the image that the depth was made of")
     return frame
 
 
 def _with_camera_of(frame: types.Frame | None, depth: types.DepthMap) -> types.DepthMap:
-    """Depth whose file states no camera, with that of its picture."""
+    """Depth whose file states no camera, with that of its image."""
     source = depth.provenance
     is_known = source.focal_px is not None or source.is_cropped or source.projection.is_other
     if frame is None or is_known:
@@ -388,6 +388,6 @@ def _check_sequence(request: ConvertRequest) -> None:
             "video (.mkv) nor a sequence such as depth.%04d.exr",
             "name one file, or a folder with {out}",
         )
-    if request.stated.frame is not None or request.picture is not None:
-        option = "picture" if request.stated.frame is None else "frame"
+    if request.stated.frame is not None or request.image is not None:
+        option = "image" if request.stated.frame is None else "frame"
         raise UsageError(f"it is for one map, but {name} is all frames", "remove it", option=option)

@@ -44,7 +44,7 @@ def check_installation(model: str | None = None, provider: str = "auto") -> Iter
         "model": lambda: _check_model(model, provider),
         "providers": lambda: _check_providers(model),
         "codecs": _check_codecs,
-        "extras for pictures": _check_extras,
+        "extras for images": _check_extras,
         "video codecs": _check_video,
     }
     for name, check in checks.items():
@@ -156,7 +156,7 @@ def _check_codecs() -> Iterator[Check]:
 
     for suffix in IMAGE_SUFFIXES:
         works = can_round_trip(suffix)
-        detail = "reads and writes" if works else "not in this OpenCV; convert such pictures"
+        detail = "reads and writes" if works else "not in this OpenCV; convert such images"
         yield Check(f"codec {suffix}", "ok" if works else "warning", detail)
 
 

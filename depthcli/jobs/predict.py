@@ -30,7 +30,7 @@ _RULES = outputs.FormatRules(
 )
 
 
-def picture_destination(
+def image_destination(
     output: str | None = None, formats: Sequence[Format] = (), *, sidecar: bool = False
 ) -> Destination[Format]:
     """Where the outputs of images go, and their formats; raises as :meth:`Destination.parse`."""
@@ -39,10 +39,10 @@ def picture_destination(
 
 @dataclass(frozen=True, slots=True)
 class PredictRequest(MapOptions):
-    """Pictures, and how to process them."""
+    """Images, and how to process them."""
 
-    pictures: tuple[str, ...]  #: names of files; ``-`` is ``stdin``
-    destination: Destination[Format] = field(default_factory=picture_destination)
+    images: tuple[str, ...]  #: names of files; ``-`` is ``stdin``
+    destination: Destination[Format] = field(default_factory=image_destination)
     model: SessionLoader = field(default_factory=SessionLoader)  #: which model runs, and how
     overwrite: bool = False  #: whether outputs may replace files of other programs
     stdin: BinaryIO | None = None  #: where ``-`` is read; None for that of the process
@@ -53,9 +53,9 @@ class PredictRequest(MapOptions):
         """Doubts about the request as a whole, one line each."""
         anchors = self.anchors
         is_shared = bool(anchors) if isinstance(anchors, tuple) else not anchors.is_by_image
-        if len(self.pictures) == 1 or not is_shared:
+        if len(self.images) == 1 or not is_shared:
             return self.camera.warnings
-        text = f"{len(self.pictures)} images are fitted to one set of points, which is right only "
+        text = f"{len(self.images)} images are fitted to one set of points, which is right only "
         advice = "'depthcli batch' takes a folder of {anchors} with a file for each image"
         return (
             *self.camera.warnings,
@@ -70,7 +70,7 @@ def predict(request: PredictRequest) -> Iterator[PredictResult | FailedInput]:
     order of the images, which are processed while they are iterated over; ModelError is raised
     then if the model cannot be used, and UsageError if it does not accept a focal length.
     """
-    names, destination = request.pictures, request.destination
+    names, destination = request.images, request.destination
     if names.count(STDIO) > 1:
         raise UsageError("'-' is standard input and can be read once", "give it once")
     sources = [None if name == STDIO else path_of(name) for name in names]
@@ -98,6 +98,6 @@ def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:
     if not others:
         raise UsageError(
             f"{safe_name(written[0])} was written by depthcli",
-            "name a picture, or use 'depthcli convert' for depth files",
+            "name an image, or use 'depthcli convert' for depth files",
         )
     return others, written

@@ -60,23 +60,21 @@ class KnownDepthFiles:
         is_map = suffix in SUFFIXES and suffix not in (*CLOUDS, ".bin")
         return not (self.is_by_image or is_map)
 
-    def file_for(
-        self, name: str, *, shares_stem: bool = False, picture: Path | None = None
-    ) -> Path:
-        """The folder's file for a picture.
+    def file_for(self, name: str, *, shares_stem: bool = False, image: Path | None = None) -> Path:
+        """The folder's file for an image.
 
         For ``a.jpg``, that is ``a.jpg.npy``, else ``a.jpg.depth.npy``, ``a.npy`` or
         ``a.depth.npy``.
 
-        With ``shares_stem``, ``a.npy`` could be that of another picture, such as ``a.png``. The
-        picture's own file is not its known depth, whatever its suffix.
+        With ``shares_stem``, ``a.npy`` could be that of another image, such as ``a.png``. The
+        image's own file is not its known depth, whatever its suffix.
         """
         folder = path_of(self.path)
         above, slash, last = name.rpartition("/")
         base = above + slash + (last.rpartition(".")[0] or last)
         files = _files(folder, name) or _files(folder, name + OUTPUT)
         if not files:
-            files = _files(folder, base, picture) or _files(folder, base + OUTPUT)
+            files = _files(folder, base, image) or _files(folder, base + OUTPUT)
             if files and shares_stem:
                 problem = f"{files[0]} may be the known depth of this or another {safe_name(base)}"
                 raise InputError(problem, f"name it {safe_name(name)}{files[0].suffix}")
@@ -89,6 +87,6 @@ class KnownDepthFiles:
         return files[0]
 
 
-def _files(folder: Path, stem: str, picture: Path | None = None) -> list[Path]:
+def _files(folder: Path, stem: str, image: Path | None = None) -> list[Path]:
     files = [file for suffix in SUFFIXES if (file := folder / (stem + suffix)).is_file()]
-    return [file for file in files if picture is None or not is_same_file(file, picture)]
+    return [file for file in files if image is None or not is_same_file(file, image)]

@@ -114,10 +114,10 @@ ROBUST_FROM = 5
 
 ERROR_SD, SHIFT_SD = 0.12, 0.17
 """Expected standard deviations of metric maps, relative to depth: of the errors that a fit leaves,
-and of the shift that it finds. Chosen on validation pictures."""
+and of the shift that it finds. Chosen on validation images."""
 
 _GRID_COLUMNS, _ROWS, _SPREAD_CELLS = 6, 4, 12
-"""A grid over the picture. Many points in fewer than 12 of its cells count as one a cell."""
+"""A grid over the image. Many points in fewer than 12 of its cells count as one a cell."""
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what overflows is no depth

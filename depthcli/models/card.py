@@ -49,9 +49,9 @@ class Fit(StrEnum):
     STRETCH = "stretch"
     """To width x height, without keeping the aspect."""
     KEEP_ASPECT = "keep-aspect"
-    """The picture's aspect is kept: same pixel count if the size is dynamic, else a letterbox.
+    """The image's aspect is kept: same pixel count if the size is dynamic, else a letterbox.
 
-    A dynamic size is no longer than 2 : 1; longer pictures are padded to that.
+    A dynamic size is no longer than 2 : 1; longer images are padded to that.
     """
     LOWER_BOUND = "lower-bound"
     """Dynamic only: the aspect is kept, and neither side is below the nominal size."""
@@ -62,7 +62,7 @@ class Fit(StrEnum):
     LONGEST_SIDE = "longest-side"
     """Dynamic only: the longest side is ``width``; each is then resized to a multiple again."""
     OWN_SIZE = "own-size"
-    """Dynamic only: the picture's own, down to a multiple."""
+    """Dynamic only: the image's own, down to a multiple."""
 
 
 class Resize(StrEnum):
@@ -99,9 +99,9 @@ class TensorLayout(StrEnum):
     """Order of the axes of the network's input."""
 
     NCHW = "nchw"
-    """Picture, channel, row, column."""
+    """Image, channel, row, column."""
     NHWC = "nhwc"
-    """Picture, row, column, channel, the default of TensorFlow's converters."""
+    """Image, row, column, channel, the default of TensorFlow's converters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ class KnownDepthSpec:
     """A further input of known depth in metres everywhere, (N, 1, height, width)."""
 
     input: Text  #: name of that input
-    width: _Side  #: its columns, of the whole picture
+    width: _Side  #: its columns, of the whole image
     height: _Side  #: its rows
 
 
@@ -122,15 +122,15 @@ class InputSpec:
     height: _Side  #: rows in pixels
     dynamic: bool  #: whether any multiple of ``multiple_of`` is a valid width and height
     multiple_of: _Side  #: granularity of a dynamic size, in pixels
-    fit: Fit  #: how the picture is fitted to this size
+    fit: Fit  #: how the image is fitted to this size
     mean: tuple[float, ...]  #: one number a channel, or one for all
     std: tuple[_Ratio, ...]  #: one number a channel, or one for all
-    resize: Resize = Resize.AREA  #: how the picture is resized
-    #: whether each resizing rounds colours to 8 bits, as that of an 8-bit picture does
+    resize: Resize = Resize.AREA  #: how the image is resized
+    #: whether each resizing rounds colours to 8 bits, as that of an 8-bit image does
     eight_bit: bool = False
     layout: TensorLayout = TensorLayout.NCHW  #: order of the axes
-    #: width over height of the network's pixels as it learned them, in pixels of the picture: 4/3
-    #: if it learned pictures of 4:3 stretched to a square. For ``stretch`` and ``keep-aspect``
+    #: width over height of the network's pixels as it learned them, in pixels of the image: 4/3
+    #: if it learned images of 4:3 stretched to a square. For ``stretch`` and ``keep-aspect``
     pixel_aspect: _Ratio = 1.0
     #: whether known depth, coded as the output, and its mask are further inputs of this size, with
     #: the names of ``PROMPT_INPUTS`` and one channel each
@@ -192,7 +192,7 @@ class OutputSpec:
     shift: float  #: added after the factor
     min_m: float | None = None  #: least depth in metres; None if the kind is not metric
     max_m: _Ratio | None = None  #: largest depth in metres; None if the kind is not metric
-    #: how the authors enlarge the raw output to the picture's size
+    #: how the authors enlarge the raw output to the image's size
     enlarging: Enlarging = Enlarging.LINEAR
     #: the map is (N, h, w, 3), x, y and z up to a shift of z; None for a map of depth
     points: PointsSpec | None = None
@@ -208,11 +208,11 @@ class OutputSpec:
 class CameraSpec:
     """The camera that a model's metres are for: a field of view or a focal length."""
 
-    #: horizontal field of view over the full picture width, in degrees
+    #: horizontal field of view over the full image width, in degrees
     hfov_deg: Annotated[float, HFOV_DEG] | None = None
     focal_px: _Ratio | None = None  #: focal length in pixels of the network's input
     along: FocalAxis = FocalAxis.BOTH  #: where resizing stretches, the axis that counts
-    #: name of the output that is the picture's horizontal field of view in degrees, (N,)
+    #: name of the output that is the image's horizontal field of view in degrees, (N,)
     hfov_output: Text | None = None
 
     def focal_px_at(self, width: int) -> float:
@@ -253,16 +253,16 @@ class WeightsSpec:
 class Verification:
     """Comparison of the card with the authors' code, on a network of random weights.
 
-    Differences are the largest of several pictures: mean absolute difference by standard deviation
+    Differences are the largest of several images: mean absolute difference by standard deviation
     of the authors' values.
     """
 
     package: Text | None = None  #: their code, with its version; None if it was not compared
     why_none: Text | None = None  #: why it was not compared
     date: Text | None = None  #: day of the comparison
-    pictures: Count | None = None  #: number of pictures
+    pictures: Count | None = None  #: number of images
     difference: float | None = None  #: at the network's size
-    full_size: float | None = None  #: at the picture's size, with ``--upsampling model``
+    full_size: float | None = None  #: at the image's size, with ``--upsampling model``
     note: Text | None = None  #: what of their code was compared, if not all
 
 
@@ -433,7 +433,7 @@ _ALIGN = {
 class PreprocessingCheck:
     """Verification of a card's size, colours, mean and deviation."""
 
-    #: whether the real weights were run with them on pictures of known depth
+    #: whether the real weights were run with them on images of known depth
     run_with_weights: bool
     verified: str  #: how, one sentence
 
@@ -458,7 +458,7 @@ def verification_text(card: ModelCard) -> str:
 
 
 def check_command(card: ModelCard) -> str:
-    """The command that compares a model with known depth on a few pictures."""
+    """The command that compares a model with known depth on a few images."""
     return (
         f"depthcli eval nyu --data NYU --split val --limit 20 --model {card.name}"
         + (_ALIGN[card.output.kind])
@@ -471,7 +471,7 @@ def fit_to_graph(
     """Compare a card with the input's (height, width) in the graph; None where that is dynamic.
 
     With ``adapt`` the graph's size replaces the card's, for networks that are exported at several
-    sizes. Pictures are then stretched to it if the card has a dynamic size.
+    sizes. Images are then stretched to it if the card has a dynamic size.
     """
     spec = card.input
     height, width = fixed_size[0] or spec.height, fixed_size[1] or spec.width
@@ -480,11 +480,11 @@ def fit_to_graph(
         return card
     if not adapt:
         raise ModelError(
-            f"{path} takes pictures of {width} x {height} pixels only; set input.width to {width}, "
+            f"{path} takes images of {width} x {height} pixels only; set input.width to {width}, "
             f"input.height to {height} and input.dynamic to false in the card"
         )
     pixel_aspect = spec.pixel_aspect
-    if spec.fit is Fit.STRETCH:  # the aspect of the training pictures is the same
+    if spec.fit is Fit.STRETCH:  # the aspect of the training images is the same
         pixel_aspect *= (spec.width * height) / (spec.height * width)
     return replace(
         card,

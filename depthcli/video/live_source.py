@@ -55,7 +55,7 @@ def _opened(stream: LiveStream, number: int | None) -> tuple[InputContainer, Vid
 class LiveFrame:
     """A decoded frame."""
 
-    picture: VideoFrame  #: as FFmpeg decoded it
+    image: VideoFrame  #: as FFmpeg decoded it
     number: int  #: among all frames that came, from 0
     time_s: float  #: of its arrival, by the monotonic clock
 
@@ -208,10 +208,10 @@ class LiveSource(FrameSource):
         first = self._reader.next()
         if first is None:
             raise InputError(f"{stream} ended before its first frame")
-        picture = first.picture
-        check_pixel_count(str(stream), picture.width, picture.height, max_pixels)
+        image = first.image
+        check_pixel_count(str(stream), image.width, image.height, max_pixels)
         self._first, self.rate = first, self._reader.rate
-        self._converter = FrameConverter(picture, self._reader.pixel_aspect, options)
+        self._converter = FrameConverter(image, self._reader.pixel_aspect, options)
         self.warnings = self._converter.warnings
 
     @property
@@ -224,9 +224,9 @@ class LiveSource(FrameSource):
         for selected in span.selected(self._numbers_and_times(), is_live=True):
             if not selected:
                 continue
-            number, picture = self._current.number, self._current.picture
+            number, image = self._current.number, self._current.image
             try:
-                frame = self._converter.image(picture, number, self._time_s)
+                frame = self._converter.image(image, number, self._time_s)
             except InputError as error:
                 self.problem = str(error)
                 break

@@ -9,11 +9,11 @@ import pytest
 from helpers import made
 from helpers.command_line import Cli
 from helpers.folders import printed, rows, tree
-from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.tiny import synthetic_image, write_image, write_model
 
 
 def sparse_twice(cli: Cli, name: str) -> np.ndarray:
-    """Known depth for a picture, twice what the model says at every fourth pixel, and 5 m nearer.
+    """Known depth for an image, twice what the model says at every fourth pixel, and 5 m nearer.
 
     Some points are of something far behind.
     """
@@ -35,8 +35,8 @@ def points(cli: Cli, *names: str) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["metric", "relative", "inverse"])
-def test_a_sparse_map_scales_a_picture(inside: Cli, kind: str) -> None:
-    write_picture(inside.folder / "room.png", synthetic_picture())
+def test_a_sparse_map_scales_an_image(inside: Cli, kind: str) -> None:
+    write_image(inside.folder / "room.png", synthetic_image())
     write_model(inside.models / "one", output__kind=kind)
     assert inside("predict", "room.png", "--model", "one", "-o", "one.npy").returncode == 0
     plain = np.load(inside.folder / "one.npy")
@@ -62,7 +62,7 @@ def test_a_sparse_map_scales_a_picture(inside: Cli, kind: str) -> None:
 
 def test_two_points_are_taken_by_a_bundled_network(inside: Cli) -> None:
     """The commands give the same bytes, and say which network made them."""
-    write_picture(inside.folder / "in/a.png", synthetic_picture())
+    write_image(inside.folder / "in/a.png", synthetic_image())
     table = "x,y,depth_m\n5,4,2\n37,32,6\n"
     (inside.folder / "points.csv").write_text(table)
     (inside.folder / "known").mkdir()
@@ -85,7 +85,7 @@ def test_two_points_are_taken_by_a_bundled_network(inside: Cli) -> None:
 
 
 def test_points_of_a_table_are_those_of_the_option(inside: Cli) -> None:
-    write_picture(inside.folder / "room.png", synthetic_picture())
+    write_image(inside.folder / "room.png", synthetic_image())
     (inside.folder / "points.csv").write_text("x,y,depth_m\n5,40,2\n60,40,12\n")
     words = ("predict", "room.png", "--sidecar", "-o")
     assert inside(*words, "a.png", "--anchor", "5,40,2", "--anchor", "60,40,12").returncode == 0
@@ -101,7 +101,7 @@ def test_points_of_a_table_are_those_of_the_option(inside: Cli) -> None:
 
 def test_points_of_one_image_for_several_are_a_warning_that_names_batch(inside: Cli) -> None:
     for name in ("a.jpg", "b.jpg"):
-        write_picture(inside.folder / name)
+        write_image(inside.folder / name)
     points(inside, "a")
     words = ("--format", "npy", "-o", "out/")
     for known in (("--anchors", "known/a.csv"), ("--anchor", "5,4,2")):
@@ -126,7 +126,7 @@ def assumed_in(name: str) -> str:
 
 
 def test_an_assumed_scale_is_a_warning(inside: Cli) -> None:
-    write_picture(inside.folder / "room.png", synthetic_picture())
+    write_image(inside.folder / "room.png", synthetic_image())
     write_kitti(inside.folder / "kitti.png")
     words = ("predict", "room.png", "--anchors", "kitti.png", "-o", "d.npy", "--overwrite")
     (told,) = printed(inside(*words, "--json"))
@@ -144,7 +144,7 @@ def test_an_assumed_scale_is_a_warning(inside: Cli) -> None:
     assert told["warnings"] == []
 
 
-def test_a_batch_has_a_file_for_each_picture(inside: Cli) -> None:
+def test_a_batch_has_a_file_for_each_image(inside: Cli) -> None:
     tree(inside, "a.png", "hall/b.jpg", "c.png")
     known = points(inside, "hall/b")
     np.save(known / "a.npy", sparse_twice(inside, "in/a.png"))
@@ -160,7 +160,7 @@ def test_a_batch_has_a_file_for_each_picture(inside: Cli) -> None:
     assert found["c.png"]["anchors"] is None
 
 
-def test_known_depth_of_two_pictures_of_one_stem_is_used_for_none(inside: Cli) -> None:
+def test_known_depth_of_two_images_of_one_stem_is_used_for_none(inside: Cli) -> None:
     tree(inside, "a.png", "a.jpg", "b.png", "hall/a.png")
     (inside.folder / "in/b.mp4").write_bytes(b"film")  # is fitted to nothing
     known = points(inside, "a", "b", "hall/a")
@@ -217,7 +217,7 @@ def test_a_batch_takes_a_folder_and_no_videos(inside: Cli) -> None:
 
 @pytest.mark.parametrize("name", ["a.depth.png", "a.depth.npy"])
 def test_a_batch_does_not_replace_known_depth(inside: Cli, name: str) -> None:
-    write_picture(inside.folder / "in" / "a.jpg", synthetic_picture())
+    write_image(inside.folder / "in" / "a.jpg", synthetic_image())
     suffix = name.removeprefix("a.depth.")
     known_m = sparse_twice(inside, "in/a.jpg")
     np.save(inside.folder / "known.npy", known_m)
@@ -258,7 +258,7 @@ def test_own_depth_of_images_is_used_where_there_is_any(inside: Cli) -> None:
 
 
 def test_fit_of_the_option_is_used_and_is_for_known_depth(inside: Cli) -> None:
-    write_picture(inside.folder / "in/a.png")
+    write_image(inside.folder / "in/a.png")
     np.save(inside.folder / "in/a.npy", sparse := sparse_twice(inside, "in/a.png"))
     sparse[:, 32:] *= 1.2
     np.save(inside.folder / "lidar.npy", sparse)
@@ -282,7 +282,7 @@ def test_clouds_and_reconstructions_are_known_depth(inside: Cli) -> None:
     """A point on the axis, 3 m before the camera, and one behind it."""
     pytest.importorskip("trimesh")
     for name in "ab":
-        write_picture(inside.folder / f"in/{name}.png")
+        write_image(inside.folder / f"in/{name}.png")
     header = "ply\nformat ascii 1.0\nelement vertex 2\n"
     body = "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n-3 0 0\n3 0 0\n"
     (inside.folder / "cloud.ply").write_text(header + body)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.command_line import Cli
-from helpers.folders import contents, picture, printed, rows, tree
-from helpers.tiny import synthetic_picture, write_picture
+from helpers.folders import contents, image, printed, rows, tree
+from helpers.tiny import synthetic_image, write_image
 from helpers.videos import flat_frames, write_video
 
 from depthcli.cli.app import main
@@ -50,24 +50,24 @@ def test_patterns(inside: Cli, words: tuple[str, ...], taken: set[str]) -> None:
 @pytest.mark.parametrize("end", [b"\n", b"\0", b"\r\n"])
 def test_a_list_from_standard_input(cli: Cli, end: bytes) -> None:
     tree(cli, "a.png", "hall/b.png")
-    outside = write_picture(cli.folder / "elsewhere" / "c.png")
+    outside = write_image(cli.folder / "elsewhere" / "c.png")
     words = (b"in/hall/b.png", b"./in/a.png", os.fsencode(outside), b"in/missing.png")
     stdin = b"".join(word + end for word in words)
     done = cli("batch", "--out", "out", "--files", "-", stdin=stdin, code=1)
     assert b"in/missing.png is missing" in done.stderr
-    pictures = {"in/a.depth.png", "in/hall/b.depth.png", str(outside.with_suffix(".depth.png"))[1:]}
-    assert contents(cli, "out").keys() == {*pictures, "manifest.jsonl"}
+    images = {"in/a.depth.png", "in/hall/b.depth.png", str(outside.with_suffix(".depth.png"))[1:]}
+    assert contents(cli, "out").keys() == {*images, "manifest.jsonl"}
 
 
-def test_videos_among_the_pictures(inside: Cli) -> None:
+def test_videos_among_the_images(inside: Cli) -> None:
     tree(inside, "a.png")
     write_video(inside.folder / "in" / "hall" / "clip.avi", flat_frames(range(0, 100, 10)))
     formats = ("--format", "png16", "--format", "preview", "--format", "npy", "--sidecar")
     done = inside("batch", "in", "--out", "out", "--json", *formats, code=0)
     frames = {f"hall/clip.depth.{number:06d}.npy" for number in range(10)}
     video = {"hall/clip.depth.mkv", "hall/clip.preview.mp4", "hall/clip.depth.json"}
-    pictures = {"a.depth.png", "a.preview.png", "a.depth.npy", "a.depth.json"}
-    assert contents(inside, "out").keys() == frames | video | pictures | {"manifest.jsonl"}
+    images = {"a.depth.png", "a.preview.png", "a.depth.npy", "a.depth.json"}
+    assert contents(inside, "out").keys() == frames | video | images | {"manifest.jsonl"}
     assert [row["input"] for row in printed(done)] == ["a.png", "hall/clip.avi"]
     assert len(list(DepthVideo(inside.folder / "out/hall/clip.depth.mkv").steps())) == 10
     (inside.folder / "out/hall/clip.depth.000004.npy").unlink()
@@ -101,7 +101,7 @@ def test_a_dry_run_writes_nothing(inside: Cli) -> None:
 
 def test_every_column_of_the_manifest_is_true(inside: Cli) -> None:
     tree(inside, "hall/a.png")
-    (inside.folder / "in" / "b.png").write_bytes(b"not a picture")
+    (inside.folder / "in" / "b.png").write_bytes(b"not an image")
     inside("batch", "in", "--out", "out")
     lines = (inside.folder / "out" / "manifest.jsonl").read_bytes().splitlines()
     failed, row = map(json.loads, lines)
@@ -119,7 +119,7 @@ def test_every_column_of_the_manifest_is_true(inside: Cli) -> None:
     assert row["warnings"] == []
     assert (failed["status"], failed["outputs"]) == ("failed", [])
     assert "b.png" in failed["error"]
-    assert failed["input_sha256"] == sha256(b"not a picture")
+    assert failed["input_sha256"] == sha256(b"not an image")
     assert (row["input_path"], failed["input_path"]) == tuple(
         str(inside.folder / "in" / name) for name in ("hall/a.png", "b.png")
     )
@@ -209,7 +209,7 @@ def test_quiet_says_errors_only(inside: Cli) -> None:
 
 def test_its_own_outputs_are_no_inputs(inside: Cli) -> None:
     tree(inside, "a.png")
-    picture(inside, "b.preview.png", synthetic_picture())  # another program's
+    image(inside, "b.preview.png", synthetic_image())  # another program's
     assert inside("predict", "in/a.png").returncode == 0
     for name in ("clip.depth.mkv", "clip.preview.mp4"):
         (inside.folder / "in" / name).touch()
@@ -235,7 +235,7 @@ def test_an_unforeseen_error_stops_no_other(cli: Cli, monkeypatch: pytest.Monkey
     monkeypatch.setattr(Pipeline, "_predict_batch", predict_batch)
     monkeypatch.setenv("DEPTHCLI_MODELS", str(cli.models))
     tree(cli, "a.png", "z.png")
-    picture(cli, "seven.png", np.zeros((5, 7), np.uint8))
+    image(cli, "seven.png", np.zeros((5, 7), np.uint8))
     folders = (str(cli.folder / "in"), "--out", str(cli.folder / "out"))
     assert main(["batch", *folders, "--workers", "1", "--batch-size", "3"]) == 1
     found = rows(cli, "out")

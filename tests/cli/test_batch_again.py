@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from helpers.batches import outputs
 from helpers.command_line import ROOT, Cli
-from helpers.folders import contents, picture, printed, rows, tree
-from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.folders import contents, image, printed, rows, tree
+from helpers.tiny import synthetic_image, write_image, write_model
 from helpers.videos import write_mp4
 
 JOURNAL = ".depthcli-batch.jsonl"
@@ -23,11 +23,11 @@ COUNT = 40
 
 
 def many(cli: Cli) -> None:
-    """Pictures that take a while, no two alike, in two folders."""
+    """Images that take a while, no two alike, in two folders."""
     random = np.random.default_rng(0)
     for number in range(COUNT):
         pixels = random.integers(0, 256, (350, 350), dtype=np.uint8)
-        picture(cli, f"{number % 2}/{number:03}.png", pixels)
+        image(cli, f"{number % 2}/{number:03}.png", pixels)
 
 
 def begun(cli: Cli, done: int, *options: str) -> subprocess.Popen[bytes]:
@@ -123,14 +123,14 @@ def watching(cli: Cli, *words: str) -> Iterator[Iterator[dict[str, Any]]]:
 
 
 def test_new_and_changed_files_are_processed_once(cli: Cli) -> None:
-    write_picture(cli.folder / "in" / "a.png")
+    write_image(cli.folder / "in" / "a.png")
     with watching(cli) as results:
         assert next(results)["input"] == "a.png"
-        write_picture(cli.folder / "in" / "deep" / "b.png")
+        write_image(cli.folder / "in" / "deep" / "b.png")
         assert next(results)["input"] == "deep/b.png"
-        write_picture(cli.folder / "in" / "deep" / "b.jpg")  # the output of b.png stays
+        write_image(cli.folder / "in" / "deep" / "b.jpg")  # the output of b.png stays
         assert next(results)["outputs"][0]["path"] == "deep/b.jpg.depth.png"
-        write_picture(cli.folder / "in" / "a.png", synthetic_picture(40, 50))
+        write_image(cli.folder / "in" / "a.png", synthetic_image(40, 50))
         changed = next(results)
     assert (changed["input"], changed["kept"]) == ("a.png", False)
     rows = (cli.folder / "out" / "manifest.jsonl").read_text().splitlines()
@@ -143,7 +143,7 @@ def test_new_and_changed_files_are_processed_once(cli: Cli) -> None:
 
 
 def test_a_file_is_processed_when_it_is_complete(cli: Cli) -> None:
-    whole = write_picture(cli.folder / "in" / "a.png").read_bytes()
+    whole = write_image(cli.folder / "in" / "a.png").read_bytes()
     with watching(cli) as results:
         assert next(results)["input"] == "a.png"
         with (cli.folder / "in" / "b.png").open("wb") as file:
@@ -158,7 +158,7 @@ def test_a_file_is_processed_when_it_is_complete(cli: Cli) -> None:
 
 
 def test_needs_a_local_folder_and_its_extra(inside: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_picture(inside.folder / "in" / "a.png")
+    write_image(inside.folder / "in" / "a.png")
     assert inside("batch", "--files", "list", "-o", "out", "--watch").returncode == 2
     monkeypatch.delitem(sys.modules, "depthcli.jobs.batch.watch", raising=False)
     monkeypatch.setitem(sys.modules, "watchfiles", None)
@@ -191,15 +191,15 @@ def test_shards_are_summed_up_listed_and_merged(inside: Cli) -> None:
 
 
 NAMES = ("a.png", "b.png", "c.png")
-"""Of two sizes, so that pictures of one can be given to the network together."""
+"""Of two sizes, so that images of one can be given to the network together."""
 WAYS = {
     "one at a time": ("batch", "in", "--workers", "1", "--threads", "1", "--batch-size", "1"),
     "several at a time": ("batch", "in", "--workers", "3", "--threads", "1", "--batch-size", "1"),
     "several threads": ("batch", "in", "--workers", "1", "--threads", "3", "--batch-size", "1"),
     "several in a batch": ("batch", "in", "--workers", "1", "--threads", "2", "--batch-size", "4"),
     "the other way round": ("batch", "in", "--files", "list.txt", "--workers", "2"),
-    "pictures alone": ("predict", *(f"in/{name}" for name in NAMES), "--threads", "2"),
-    "pictures in another order": ("predict", *(f"in/{name}" for name in NAMES[::-1])),
+    "images alone": ("predict", *(f"in/{name}" for name in NAMES), "--threads", "2"),
+    "images in another order": ("predict", *(f"in/{name}" for name in NAMES[::-1])),
 }
 
 
@@ -207,7 +207,7 @@ WAYS = {
 def test_no_byte_depends_on_how_the_work_is_spread(model: str, inside: Cli) -> None:
     room = cv2.imread(str(ROOT / "docs" / "room.jpg"))
     for name, size in zip(NAMES, ((120, 90), (120, 90), (100, 100)), strict=True):
-        picture(inside, name, cv2.resize(room, size) // (1 + NAMES.index(name)))
+        image(inside, name, cv2.resize(room, size) // (1 + NAMES.index(name)))
     write_mp4(inside.folder / "in" / "d.mp4", [cv2.resize(room, (64, 48)) // n for n in (1, 2, 3)])
     (inside.folder / "list.txt").write_text("\n".join(["d.mp4", *NAMES[::-1]]))
     seen = {}
@@ -217,7 +217,7 @@ def test_no_byte_depends_on_how_the_work_is_spread(model: str, inside: Cli) -> N
         files = contents(inside, str(number))
         seen[way] = {name: data for name, data in files.items() if name != "manifest.jsonl"}
     whole = seen["one at a time"]
-    assert len(whole) == 2 * len(NAMES) + 4  # of the video one file and three pictures
+    assert len(whole) == 2 * len(NAMES) + 4  # of the video one file and three images
     for way, files in seen.items():
-        pictures = {name: whole[name] for name in whole if not name.startswith("d.")}
-        assert files == (pictures if way.startswith("pictures") else whole), way
+        images = {name: whole[name] for name in whole if not name.startswith("d.")}
+        assert files == (images if way.startswith("images") else whole), way

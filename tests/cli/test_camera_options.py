@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from helpers.command_line import Cli
 from helpers.folders import printed, rows, tree
-from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.tiny import synthetic_image, write_image, write_model
 from helpers.videos import flat_frames, write_video
 
 
 @pytest.fixture
 def scene(inside: Cli) -> Cli:
-    """A folder of two pictures, a table for one of them, and a model that learned a camera."""
+    """A folder of two images, a table for one of them, and a model that learned a camera."""
     write_model(inside.models / "default", camera={"hfov_deg": 60.0})
     tree(inside, "a.png", "hall/b.png")
     (inside.folder / "cameras.csv").write_text("id,focal_px\nhall/b,40\nattic,50\n")
@@ -63,9 +63,9 @@ GIVEN = ("--focal-px", "80", "--centre-px", "30.5,25.25")
 
 @pytest.fixture
 def folder(inside: Cli) -> Path:
-    """A picture, a calibration, and a model that learned another camera."""
+    """An image, a calibration, and a model that learned another camera."""
     write_model(inside.models / "default", camera={"hfov_deg": 60.0})
-    write_picture(inside.folder / "room.png", synthetic_picture())
+    write_image(inside.folder / "room.png", synthetic_image())
     (inside.folder / "cam.yaml").write_text(CALIBRATION)
     return inside.folder
 
@@ -90,9 +90,9 @@ def test_a_distorted_lens_is_one_warning_or_undistorted(
     inside: Cli, folder: Path, command: str
 ) -> None:
     (folder / "cam.yaml").write_text(DISTORTED)
-    image = synthetic_picture()
+    image = synthetic_image()
     for number in range(2):
-        write_picture(folder / "in" / f"f{number}.png", image)
+        write_image(folder / "in" / f"f{number}.png", image)
     words = {
         "predict": ("in/f0.png", "in/f1.png", "-o", "out/"),
         "batch": ("in", "--out", "out"),
@@ -105,7 +105,7 @@ def test_a_distorted_lens_is_one_warning_or_undistorted(
     done = inside(command, *words, "cam.yaml", "--undistort", "--overwrite", code=0)
     assert not done.stderr
     matrix = np.array([[80, 0, 30.5], [0, 80, 25.25], [0, 0, 1]])
-    write_picture(folder / "flat.png", cv2.undistort(image, matrix, np.array([-0.1, 0, 0, 0])))
+    write_image(folder / "flat.png", cv2.undistort(image, matrix, np.array([-0.1, 0, 0, 0])))
     inside("predict", "flat.png", *GIVEN, "-o", "flat.npy", code=0)
     (path, _) = sorted((folder / "out").glob("*.npy"))
     np.testing.assert_allclose(np.load(path), np.load(folder / "flat.npy"), rtol=1e-6)

@@ -11,7 +11,7 @@ from helpers.command_line import Cli
 from helpers.folders import contents, printed
 from helpers.made import exif, jpeg_with_exif
 from helpers.stores import Bucket
-from helpers.tiny import write_picture
+from helpers.tiny import write_image
 
 from depthcli.core.types import DepthMap, Provenance
 from depthcli.io.depth.read import read_stored_depth
@@ -52,13 +52,13 @@ def test_a_cloud_has_the_camera_that_its_input_states(inside: Cli, files: Path, 
     assert np.ptp(points_m(files / "a.ply")[:, 0]) == pytest.approx(7 / 16 * 2, rel=1e-5)
 
 
-def test_depth_without_a_camera_has_that_of_its_picture(inside: Cli, files: Path) -> None:
+def test_depth_without_a_camera_has_that_of_its_image(inside: Cli, files: Path) -> None:
     """As the NPY of any program beside a phone's photograph, or a panorama."""
     jpeg = cv2.imencode(".jpg", np.full((6, 8, 3), 90, np.uint8))[1].tobytes()
     (files / "room.jpg").write_bytes(jpeg_with_exif(jpeg, exif(focal_35mm=26)))
 
     def converted(*options: str) -> np.ndarray:
-        command = ("convert", "bare.npy", "a.ply", "--picture", "room.jpg", *options)
+        command = ("convert", "bare.npy", "a.ply", "--image", "room.jpg", *options)
         assert not inside(*command, code=0).stderr
         return points_m(files / "a.ply")
 
@@ -68,25 +68,25 @@ def test_depth_without_a_camera_has_that_of_its_picture(inside: Cli, files: Path
     np.testing.assert_allclose(radius_m, 2, rtol=1e-6)
 
 
-def test_a_picture_gives_the_points_their_colours(inside: Cli, files: Path) -> None:
+def test_an_image_gives_the_points_their_colours(inside: Cli, files: Path) -> None:
     pixels = np.random.default_rng(0).integers(0, 256, (6, 8, 3), np.uint8)
-    write_picture(files / "room.png", pixels)
-    assert inside("convert", "d.png", "a.ply", "--picture", "room.png").returncode == 0
+    write_image(files / "room.png", pixels)
+    assert inside("convert", "d.png", "a.ply", "--image", "room.png").returncode == 0
     body = (files / "a.ply").read_bytes().partition(b"end_header\n")[2]
     colours = np.frombuffer(body, np.uint8).reshape(-1, 27)[:, 24:]
     np.testing.assert_array_equal(colours, pixels.reshape(-1, 3))
-    write_picture(files / "other.png", pixels[:5])
-    assert inside("convert", "d.png", "b.ply", "--picture", "other.png").returncode == 1
-    assert inside("convert", "d.png", "room.png", "--picture", "room.png").returncode == 1
+    write_image(files / "other.png", pixels[:5])
+    assert inside("convert", "d.png", "b.ply", "--image", "other.png").returncode == 1
+    assert inside("convert", "d.png", "room.png", "--image", "room.png").returncode == 1
 
 
 def test_a_preview_of_stored_depth_is_that_of_predict(inside: Cli) -> None:
-    write_picture(inside.folder / "room.png")
+    write_image(inside.folder / "room.png")
     options = ("--vmin", "0.5", "--vmax", "6", "--near", "white", "--legend", "--side-by-side")
     assert inside("predict", "room.png", "-o", "d.npy").returncode == 0
     assert inside("predict", "room.png", "-o", "p.preview.png", *options).returncode == 0
     command = ("convert", "d.npy", "c.preview.png", *options)
-    assert inside(*command, "--picture", "room.png").returncode == 0
+    assert inside(*command, "--image", "room.png").returncode == 0
     predicted, converted = ((inside.folder / f"{one}.preview.png").read_bytes() for one in "pc")
     assert converted == predicted
     assert inside(*command).returncode == 2
@@ -236,7 +236,7 @@ def test_a_tree_is_kept(tree: Cli) -> None:
 
 
 def test_no_bad_file_stops_the_other_conversions(tree: Cli) -> None:
-    write_picture(tree.folder / "in/0.png")
+    write_image(tree.folder / "in/0.png")
     (tree.folder / "in/hall/b.npy").write_bytes(b"")
     (tree.folder / "in/loop").symlink_to(".")
     (tree.folder / "in/velodyne.bin").write_bytes(b"points")

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.command_line import Cli
-from helpers.tiny import write_picture
+from helpers.tiny import write_image
 from helpers.videos import write_depth_video
 
 from depthcli.io.depth.read import read_stored_depth
@@ -25,7 +25,7 @@ def depth_npy(inside: Cli) -> Path:
 
 
 def test_info_states_unit_scale_and_range(inside: Cli) -> None:
-    write_picture(inside.folder / "room.png")
+    write_image(inside.folder / "room.png")
     inside("predict", "room.png", "-o", "d.png", "--png-scale", "5000")
     told = json.loads(inside("info", "d.png", "--json").stdout)
     depth = read_stored_depth(inside.folder / "d.png").displayed.values
@@ -47,7 +47,7 @@ def test_info_states_unit_scale_and_range(inside: Cli) -> None:
 
 @pytest.mark.parametrize("name", ["d.npy", "d.exr", "d.png"])
 def test_info_includes_metadata_of_the_sidecar(inside: Cli, name: str) -> None:
-    path = write_picture(inside.folder / "held.jpg")
+    path = write_image(inside.folder / "held.jpg")
     orientation_6 = b"II*\0\x08\0\0\0" + struct.pack("<HHHIII", 1, 0x0112, 3, 1, 6, 0)
     segment = b"\xff\xe1" + struct.pack(">H", 8 + len(orientation_6)) + b"Exif\0\0" + orientation_6
     path.write_bytes(b"\xff\xd8" + segment + path.read_bytes()[2:])

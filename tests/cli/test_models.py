@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from helpers.command_line import ROOT, Cli
-from helpers.tiny import tiny_onnx, write_model, write_picture
+from helpers.tiny import tiny_onnx, write_image, write_model
 
 
 def spoil(cli: Cli, name: str) -> None:
@@ -30,7 +30,7 @@ def test_the_bundled_models_are_in_the_wheel_and_run(cli: Cli) -> None:
     listed = cli("models", "list", "--json", **nothing_else).stdout.splitlines()
     models = {row["name"]: row for row in map(json.loads, listed)}
     assert models.keys() == {"default", "fast", "float", "prompted"}
-    write_picture(cli.folder / "a.png")
+    write_image(cli.folder / "a.png")
     words = ("predict", "a.png", "-o", "a.npy", "--json", "--model", "fast")
     told = json.loads(cli(*words, **nothing_else).stdout)
     assert (told["status"], told["model"]) == ("ok", "fast")
@@ -79,7 +79,7 @@ def download(inside: Cli) -> Path:
     return file
 
 
-def test_added_listed_shown_used_and_removed(inside: Cli, download: Path, picture: Path) -> None:
+def test_added_listed_shown_used_and_removed(inside: Cli, download: Path, image: Path) -> None:
     added = inside("models", "add", download.name, "--card", "midas-small")
     assert added.returncode == 0
     assert added.stdout.startswith(b"midas-small: inverse depth, no unit, in ")
@@ -87,14 +87,14 @@ def test_added_listed_shown_used_and_removed(inside: Cli, download: Path, pictur
     shown = json.loads(inside("models", "show", "midas-small").stdout)
     assert (shown["file"], shown["bytes"]) == ("model.onnx", download.stat().st_size)
     assert inside("models", "verify", "midas-small").returncode == 0
-    used = inside("predict", picture, "--model", "midas-small", "-o", "x.npy")
+    used = inside("predict", image, "--model", "midas-small", "-o", "x.npy")
     assert used.returncode == 0
     assert inside("models", "remove", "midas-small", "nothing").returncode == 2
     assert inside("models", "show", "midas-small").returncode == 0
     removed = inside("models", "remove", "midas-small")
     assert removed.stdout.startswith(b"removed ")
     assert [p.name for p in inside.models.iterdir()] == ["default"]
-    assert inside("predict", picture, "--model", "midas-small").returncode == 3
+    assert inside("predict", image, "--model", "midas-small").returncode == 3
 
 
 def test_a_bundled_model_is_hidden_with_force_and_comes_back(inside: Cli, download: Path) -> None:
@@ -149,14 +149,14 @@ def test_measures_add_up(inside: Cli) -> None:
         assert 0 < latency["min_ms"] <= latency["median_ms"]
         assert latency["noise"] >= 0
         assert latency["runs"] >= 5
-    assert found["pictures_per_s"] > 0
+    assert found["images_per_s"] > 0
     assert found["peak_memory_mb"] > 30
     assert (found["workers"], found["threads"], found["provider"]) == (2, 3, "cpu")
     assert len(found["model_sha256"]) == 64
 
 
-def test_a_picture_of_ones_own(inside: Cli, picture: Path) -> None:
-    done = inside("bench", *QUICK, picture, code=0)
+def test_an_image_of_ones_own(inside: Cli, image: Path) -> None:
+    done = inside("bench", *QUICK, image, code=0)
     lines = done.stdout.decode().splitlines()
     assert [line.split("  ")[0] for line in lines[1:]] == [
         *("network", "end-to-end", "throughput", "peak memory")

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from helpers.command_line import Cli
-from helpers.tiny import card_with, tiny_onnx, write_picture
+from helpers.tiny import card_with, tiny_onnx, write_image
 from helpers.web import FileServer
 
 from depthcli.io.storage.temporary import open_locked
@@ -46,7 +46,7 @@ def test_model_is_downloaded_added_and_runs(cli: Cli, server: FileServer) -> Non
     assert added.returncode == 0, added.stderr
     assert all(fact in added.stderr.decode() for fact in (server.url, "0.0 MB", "licence MIT"))
     assert "metres need no focal length" in added.stderr.decode()
-    write_picture(cli.folder / "a.png")
+    write_image(cli.folder / "a.png")
     used = json.loads(cli("predict", "a.png", "-o", "a.npy", "--model", "far", "--json").stdout)
     assert used["model_sha256"] == hashlib.sha256(server.data).hexdigest()
     assert not part(cli).exists()
@@ -133,13 +133,13 @@ def test_card_without_address_says_where_weights_are(inside: Cli) -> None:
     assert PAGE.encode() in refused.stderr
 
 
-def test_every_ready_card_states_an_address_that_a_hint_names(inside: Cli, picture: Path) -> None:
+def test_every_ready_card_states_an_address_that_a_hint_names(inside: Cli, image: Path) -> None:
     cards = [json.loads(line) for line in inside("models", "cards", "--json").stdout.splitlines()]
     stated = {card["name"]: card["weights"] for card in cards}
     for name, weights in stated.items():
         assert weights["page"]
         assert "source" in weights or "url" not in weights
-        failed = inside("predict", picture, "--model", name)
+        failed = inside("predict", image, "--model", name)
         assert failed.returncode == 3
         assert (weights.get("url") or weights["page"]).encode() in failed.stderr
 

@@ -7,7 +7,7 @@ from typing import get_type_hints
 import numpy as np
 import pytest
 from helpers.command_line import Cli
-from helpers.tiny import write_model, write_picture
+from helpers.tiny import write_image, write_model
 from helpers.videos import flat_frames, write_video
 
 from depthcli.cli import parse
@@ -59,8 +59,8 @@ def test_options_are_few_in_the_first_section_and_have_one_name(name: str) -> No
 def test_option_without_effect_is_a_warning(
     words: tuple[str, ...], option: str, used_by: str, inside: Cli
 ) -> None:
-    write_picture(inside.folder / "room.png")
-    write_picture(inside.folder / "in" / "room.png")
+    write_image(inside.folder / "room.png")
+    write_image(inside.folder / "in" / "room.png")
     write_video(inside.folder / "clip.avi", flat_frames(range(2)))
     assert inside("predict", "room.png", "-o", "a.npy").returncode == 0
     done = inside(*words, code=0)
@@ -76,7 +76,7 @@ def test_extrinsics_are_refused_with_known_depth_in_pixels(inside: Cli) -> None:
 
 
 def test_normalized_png_has_the_range_of_every_command(inside: Cli) -> None:
-    write_picture(inside.folder / "in" / "room.png")
+    write_image(inside.folder / "in" / "room.png")
     write_video(inside.folder / "clip.avi", flat_frames(range(2)))
     wanted = ("--format", "png16", "--png-inverse", "--vmin", "0.5", "--vmax", "8")
     for words in (
@@ -96,7 +96,7 @@ def test_normalized_png_has_the_range_of_every_command(inside: Cli) -> None:
 
 
 def test_option_of_a_profile_may_have_no_effect(inside: Cli) -> None:
-    write_picture(inside.folder / "room.png")
+    write_image(inside.folder / "room.png")
     (inside.folder / "depthcli.toml").write_text("[own]\ncolormap = 'turbo'\nhalf = true\n")
     assert not inside("predict", "room.png", "-o", "x.png", "--profile", "own", code=0).stderr
 
@@ -149,7 +149,7 @@ def test_unknown_suffix_of_out_is_told_with_known_ones(capsys: pytest.CaptureFix
 
 
 def test_tiles_change_the_map_but_not_its_size(inside: Cli) -> None:
-    write_picture(inside.folder / "room.png")
+    write_image(inside.folder / "room.png")
     for name, options in (("a", ()), ("b", ("--tile", "auto")), ("c", ("--upsample", "bilinear"))):
         assert inside("predict", "room.png", "-o", f"{name}.npy", *options).returncode == 0
     maps = [np.load(inside.folder / f"{name}.npy") for name in "abc"]
@@ -176,8 +176,8 @@ format = "exr"
 
 @pytest.fixture
 def folder(inside: Cli) -> Path:
-    """A picture beside two profiles."""
-    write_picture(inside.folder / "room.png")
+    """An image beside two profiles."""
+    write_image(inside.folder / "room.png")
     (inside.folder / "depthcli.toml").write_text(TEXT)
     return inside.folder
 

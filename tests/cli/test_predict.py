@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 from helpers.command_line import Cli
 from helpers.folders import here
-from helpers.tiny import fixed_inside, synthetic_picture, write_model, write_picture
+from helpers.tiny import fixed_inside, synthetic_image, write_image, write_model
 
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import FORMATS
 
-EXPECTED_M = 1 + 8 / 255 * synthetic_picture().max(axis=-1).astype(np.float32)
+EXPECTED_M = 1 + 8 / 255 * synthetic_image().max(axis=-1).astype(np.float32)
 
 
 def room(cli: Cli, name: str = "room.png") -> Path:
-    """The synthetic picture in the command's folder."""
-    return write_picture(cli.folder / name)
+    """The synthetic image in the command's folder."""
+    return write_image(cli.folder / name)
 
 
 def decode(path: Path) -> np.ndarray[Any, Any]:
@@ -37,7 +37,7 @@ def error_lines(done: subprocess.CompletedProcess[bytes]) -> list[str]:
     return done.stderr.decode().splitlines()
 
 
-def test_without_options_a_png_and_a_preview_beside_the_picture(cli: Cli) -> None:
+def test_without_options_a_png_and_a_preview_beside_the_image(cli: Cli) -> None:
     room(cli)
     done = cli("predict", "room.png")
     assert (done.returncode, done.stderr) == (0, b"")
@@ -66,7 +66,7 @@ def test_its_own_outputs_are_no_inputs(inside: Cli) -> None:
     ]
     alone = inside("predict", "room.depth.png")
     assert alone.returncode == 2
-    assert b"room.depth.png was written by depthcli; name a picture" in alone.stderr
+    assert b"room.depth.png was written by depthcli; name an image" in alone.stderr
 
 
 @pytest.mark.parametrize("suffix", [".png", ".exr", ".npy"])
@@ -122,7 +122,7 @@ def test_from_stdin_to_stdout(cli: Cli) -> None:
 
 def test_json_is_one_object_a_line(cli: Cli) -> None:
     room(cli)
-    (cli.folder / "bad.jpg").write_bytes(b"no picture")
+    (cli.folder / "bad.jpg").write_bytes(b"no image")
     done = cli("predict", "room.png", "bad.jpg", "--json", "--provider", "cpu")
     fine, failed = map(json.loads, done.stdout.splitlines())
     assert done.returncode == 1
@@ -154,10 +154,10 @@ def test_warnings_are_told(inside: Cli) -> None:
 
 def test_a_bad_input_never_stops_the_others(inside: Cli) -> None:
     room(inside, "a.png"), room(inside, "z.png")
-    picture = (inside.folder / "a.png").read_bytes()
+    image = (inside.folder / "a.png").read_bytes()
     (inside.folder / "empty.png").touch()
-    (inside.folder / "cut.png").write_bytes(picture[: len(picture) // 2])
-    (inside.folder / "text.jpg").write_text("no picture")
+    (inside.folder / "cut.png").write_bytes(image[: len(image) // 2])
+    (inside.folder / "text.jpg").write_text("no image")
     (inside.folder / "folder.png").mkdir()
     (inside.folder / "link.png").symlink_to("nowhere")
     bad = ["empty.png", "cut.png", "text.jpg", "folder.png", "link.png", "missing.png"]
@@ -172,11 +172,11 @@ def test_a_bad_input_never_stops_the_others(inside: Cli) -> None:
     assert outputs == {"out/a.depth.npy", "out/z.depth.npy"}
 
 
-def test_a_picture_that_the_network_fails_on_stops_no_other(inside: Cli) -> None:
-    # A reshape to a fixed size fails on pictures of other aspect ratios.
+def test_an_image_that_the_network_fails_on_stops_no_other(inside: Cli) -> None:
+    # A reshape to a fixed size fails on images of other aspect ratios.
     write_model(inside.models / "default", fixed_inside(), input__fit="keep-aspect")
-    write_picture(inside.folder / "wide.png", np.zeros((10, 300), np.uint8))
-    write_picture(inside.folder / "a.png")
+    write_image(inside.folder / "wide.png", np.zeros((10, 300), np.uint8))
+    write_image(inside.folder / "a.png")
     done = inside("predict", "wide.png", "a.png", "--json", code=1)
     assert [json.loads(line)["status"] for line in done.stdout.splitlines()] == ["failed", "ok"]
     assert (inside.folder / "a.depth.png").is_file()
@@ -239,10 +239,10 @@ def test_a_model_that_cannot_be_used_is_exit_code_3(inside: Cli, fault: str) -> 
 
 
 def test_names_may_hold_any_byte(inside: Cli) -> None:
-    picture = room(inside).read_bytes()
+    image = room(inside).read_bytes()
     names = [b"line\nbreak.png", b"caf\xe9.png", "\u0434\u043e\u043c \U0001f3e0.png".encode()]
     for name in names:
-        (inside.folder / os.fsdecode(name)).write_bytes(picture)
+        (inside.folder / os.fsdecode(name)).write_bytes(image)
     words = [os.fsdecode(name) for name in names]
     done = inside("predict", *words, "--format", "npy")
     assert (done.returncode, done.stderr) == (0, b"")
@@ -257,9 +257,9 @@ def test_names_may_hold_any_byte(inside: Cli) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_run_leaves_whole_files_only(cli: Cli, number: signal.Signals) -> None:
-    pictures = [room(cli, f"{i:03}.png") for i in range(200)]
+    images = [room(cli, f"{i:03}.png") for i in range(200)]
     formats = ("--format", "npy", "--format", "exr")
-    process = cli.started("predict", *pictures, "-o", "out/", *formats)
+    process = cli.started("predict", *images, "-o", "out/", *formats)
     while not (cli.folder / "out/003.depth.npy").exists() and process.poll() is None:
         time.sleep(0.001)
     process.send_signal(number)

@@ -16,7 +16,7 @@ SENSOR = RNG.integers(0, 4096, (48, 64, 3), dtype=np.uint16)
 
 @pytest.fixture
 def folder(inside: Cli) -> Path:
-    """Two pictures of 12 bits in ``low``, and the same ones over the whole range in ``full``."""
+    """Two images of 12 bits in ``low``, and the same ones over the whole range in ``full``."""
     for number, pixels in enumerate((SENSOR, SENSOR[::-1])):
         for name, stored in (("low", pixels), ("full", np.rint(pixels * (65535 / 4095)))):
             (inside.folder / name).mkdir(exist_ok=True)
@@ -31,17 +31,17 @@ def depths(folder: Path) -> list[np.ndarray]:
 @pytest.mark.parametrize("command", ["predict", "batch", "video"])
 def test_depth_is_that_of_the_whole_range(command: str, folder: Path, inside: Cli) -> None:
     for name, options in (("low", ("--white-level", "4095")), ("full", ())):
-        pictures = [f"{name}/f0.png", f"{name}/f1.png"] if command == "predict" else [name]
+        images = [f"{name}/f0.png", f"{name}/f1.png"] if command == "predict" else [name]
         extra = ("--fps", "25") if command == "video" else ()
-        words = (*pictures, "--out", f"out-{name}/", "--format", "npy", *options, *extra)
+        words = (*images, "--out", f"out-{name}/", "--format", "npy", *options, *extra)
         assert not inside(command, *words, code=0).stderr
     low, full = depths(folder / "out-low"), depths(folder / "out-full")
     assert len(low) == len(full) == 2
     np.testing.assert_array_equal(low, full)
-    assert np.median(low[0]) > 4  # of 1 to 9 m; dark pictures are near for the tiny model
+    assert np.median(low[0]) > 4  # of 1 to 9 m; dark images are near for the tiny model
 
 
-def test_pictures_that_end_at_a_sensor_s_white_name_the_option(folder: Path, inside: Cli) -> None:
+def test_images_that_end_at_a_sensor_s_white_name_the_option(folder: Path, inside: Cli) -> None:
     pixels = np.minimum(SENSOR, 1023)
     for number in range(2):
         cv2.imwrite(str(folder / "low" / f"f{number}.png"), pixels)
@@ -94,7 +94,7 @@ def exr_depths(inside: Cli, command: str, name: str, *options: str) -> np.ndarra
 
 @pytest.mark.parametrize("command", ["predict", "batch", "video"])
 @pytest.mark.parametrize("option", [("--exposure", "3"), ("--layer", "beauty")])
-def test_depth_is_that_of_the_bright_picture(
+def test_depth_is_that_of_the_bright_image(
     command: str, option: tuple[str, str], plates: Path, inside: Cli
 ) -> None:
     assert plates.is_dir()

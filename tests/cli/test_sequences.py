@@ -89,16 +89,16 @@ def test_without_a_stated_rate_there_are_25_frames_a_second_and_a_warning(tmp_pa
         assert (source.rate, len(source.warnings)) == (25, 1)
 
 
-def test_sixteen_bit_pictures_keep_their_bits(tmp_path: Path) -> None:
+def test_sixteen_bit_images_keep_their_bits(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    pictures = [rng.integers(0, 65536, (8, 9, 3), dtype=np.uint16) for _ in range(3)]
-    for number, pixels in enumerate(pictures, start=9):
+    images = [rng.integers(0, 65536, (8, 9, 3), dtype=np.uint16) for _ in range(3)]
+    for number, pixels in enumerate(images, start=9):
         cv2.imwrite(str(tmp_path / f"{number:04d}.png"), pixels)
     with open_frames(tmp_path, rate=FILM) as source:
         frames = list(source.frames())
     assert [frame.index for frame in frames] == [9, 10, 11]
     assert [frame.timestamp_s for frame in frames] == [float(i / FILM) for i in range(3)]
-    for frame, pixels in zip(frames, pictures, strict=True):
+    for frame, pixels in zip(frames, images, strict=True):
         np.testing.assert_array_equal(frame.pixels, pixels[..., ::-1])
 
 
@@ -254,7 +254,7 @@ def test_a_single_image_is_for_predict(inside: Cli) -> None:
     assert inside("video", "p.####.exr", "--fps", "24", "--out", "d.mkv").returncode == 0
 
 
-def write_pictures(folder: Path, numbers: Iterable[int]) -> None:
+def write_images(folder: Path, numbers: Iterable[int]) -> None:
     folder.mkdir()
     for number in numbers:
         pixels = np.full((16, 16, 3), number * 20, np.uint8)
@@ -307,8 +307,8 @@ def test_a_folder_with_two_sequences_is_refused(names: str, patterns: str, tmp_p
         assert find_images(tmp_path / pattern)
 
 
-def test_outputs_in_a_folder_of_pictures_are_ignored_with_any_name(inside: Cli) -> None:
-    write_pictures(inside.folder / "f", (1, 2, 10))
+def test_outputs_in_a_folder_of_images_are_ignored_with_any_name(inside: Cli) -> None:
+    write_images(inside.folder / "f", (1, 2, 10))
     assert inside("video", "f/f%d.png", "--out", "f/d%d.png").returncode == 0
     assert inside("video", "f/f%d.png", "--out", "f/z.%04d.exr").returncode == 0
     assert len(list((inside.folder / "f").iterdir())) == 9
@@ -318,7 +318,7 @@ def test_outputs_in_a_folder_of_pictures_are_ignored_with_any_name(inside: Cli) 
 
 @pytest.mark.parametrize("source", ["d/", "d/d.%04d.exr"])
 def test_a_sequence_of_outputs_is_refused(source: str, inside: Cli) -> None:
-    write_pictures(inside.folder / "f", (1, 2))
+    write_images(inside.folder / "f", (1, 2))
     assert inside("video", "f/", "--out", "d/d.%04d.exr").returncode == 0
     done = inside("video", source, "--out", "again.mkv", code=1)
     (line,) = done.stderr.decode().splitlines()
@@ -326,7 +326,7 @@ def test_a_sequence_of_outputs_is_refused(source: str, inside: Cli) -> None:
 
 
 def test_a_depth_video_is_no_video_to_estimate(inside: Cli) -> None:
-    write_pictures(inside.folder / "f", (1, 2))
+    write_images(inside.folder / "f", (1, 2))
     assert inside("video", "f/", "--out", "any.mkv", "--fps", "24").returncode == 0
     for words, data in ((("any.mkv",), b""), (("-",), (inside.folder / "any.mkv").read_bytes())):
         done = inside("video", *words, "--out", "again.mkv", stdin=data, code=1)

@@ -18,9 +18,9 @@ from urllib.parse import urlencode, urlsplit
 import cv2
 import numpy as np
 import pytest
-from helpers.bad_pictures import JPEGS
+from helpers.bad_images import JPEGS
 from helpers.command_line import Cli, unmeasured
-from helpers.tiny import synthetic_picture
+from helpers.tiny import synthetic_image
 
 from depthcli.cli.commands.serve import _REFUSED, _command, parse_request
 from depthcli.core.options import DepthMask
@@ -72,7 +72,7 @@ def serving(cli: Cli, *words: str, **environment: str) -> Iterator[Server]:
 
 
 def png(height: int = 48, width: int = 64) -> bytes:
-    return cv2.imencode(".png", synthetic_picture(height, width))[1].tobytes()
+    return cv2.imencode(".png", synthetic_image(height, width))[1].tobytes()
 
 
 LARGE = png(2000, 3000)

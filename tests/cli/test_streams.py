@@ -16,7 +16,7 @@ import pytest
 import typer
 from helpers.command_line import ROOT, Cli, unmeasured
 from helpers.folders import tree
-from helpers.tiny import endless_onnx, write_model, write_picture
+from helpers.tiny import endless_onnx, write_image, write_model
 
 from depthcli.cli import shell
 from depthcli.cli.process import ending_signals, graceful_shutdown
@@ -38,7 +38,7 @@ from robustness import killed
     ],
 )
 def test_results_that_stdout_does_not_take_are_an_error(cli: Cli, words: str, stream: str) -> None:
-    write_picture(cli.folder / "in" / "a.png")
+    write_image(cli.folder / "in" / "a.png")
     line = f"{shlex.join(cli.command(*words.split()))} {stream}"
     done = subprocess.run(
         ["bash", "-c", line],
@@ -64,7 +64,7 @@ def test_the_exit_code_does_not_depend_on_standard_error(
     cli: Cli, words: str, code: int, stream: str
 ) -> None:
     """The last warns. It was 120 or 134, as Python cleaned up while the model loaded."""
-    write_picture(cli.folder / "a.png")
+    write_image(cli.folder / "a.png")
     line = f"{shlex.join(cli.command(*words.split()))} {stream}"
     done = subprocess.run(
         ["bash", "-c", line], cwd=cli.folder, env=cli.environment, check=False, timeout=60
@@ -75,7 +75,7 @@ def test_the_exit_code_does_not_depend_on_standard_error(
 @pytest.mark.parametrize("words", ["-o -", "-o out/ --json"])
 def test_a_disk_that_gets_full_is_an_error_without_buffers(cli: Cli, words: str) -> None:
     """Containers set PYTHONUNBUFFERED, where Python lost the rest (python/cpython#86210)."""
-    write_picture(cli.folder / "a.png")
+    write_image(cli.folder / "a.png")
     (cli.folder / "almost").write_bytes(bytes(2**20 - 100))
     line = shlex.join(cli.command("predict", "a.png", *words.split()))
     done = subprocess.run(
@@ -147,7 +147,7 @@ def _processor_time_s(pid: int) -> int:
 @pytest.mark.parametrize("command", ["predict", "batch"])
 def test_a_network_that_never_ends_does_not_outlive_ctrl_c(cli: Cli, command: str) -> None:
     write_model(cli.models / "default", endless_onnx())
-    write_picture(cli.folder / "in" / "a.png")
+    write_image(cli.folder / "in" / "a.png")
     words = ("predict", "in/a.png", "-o", "out/") if command == "predict" else ("batch", "in")
     process = cli.started(*words, *(("--out", "out") if command == "batch" else ()))
     until = time.monotonic() + 60
@@ -181,7 +181,7 @@ def test_nothing_is_left_at_times_and_the_next_run_gives_the_same_bytes(tmp_path
     assert killed.attack(cli, names, moments=1, seed=3, cold_every=1) == []
 
 
-# A picture of zeros, 8000 pixels square, read with 40 MB of address space to spare.
+# An image of zeros, 8000 pixels square, read with 40 MB of address space to spare.
 LITTLE_MEMORY = """
 import resource, sys, zlib
 from pathlib import Path
@@ -262,7 +262,7 @@ def test_ctrl_c_is_silent(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux how much memory is in use")
-def test_a_picture_that_is_larger_than_the_memory_costs_only_itself(cli: Cli) -> None:
+def test_an_image_that_is_larger_than_the_memory_costs_only_itself(cli: Cli) -> None:
     words = ("predict", "large.png", "small.png", "-o", "out/", "--format", "png16")
     tests = os.path.join(os.path.dirname(__file__), "..")  # noqa: PTH118, PTH120
     done = subprocess.run(

@@ -10,7 +10,7 @@ from helpers.command_line import Cli
 from helpers.rooms import large_rooms, write_rooms
 from helpers.runs import RESNET_TOML
 from helpers.stores import KEYS, Bucket, Faults, credentials_checked
-from helpers.tiny import card_with, tiny_onnx, write_model, write_picture
+from helpers.tiny import card_with, tiny_onnx, write_image, write_model
 from helpers.videos import flat_frames, write_mp4
 
 WATCHED = """
@@ -80,19 +80,19 @@ def test_a_model_is_used_where_it_lies(inside: Cli, bucket: Bucket, tmp_path: Pa
     folder = write_model(tmp_path / "m")
     for file in folder.iterdir():
         bucket.put(f"models/m/{file.name}", file.read_bytes())
-    picture = write_picture(inside.folder / "a.png")
-    done = inside("predict", picture, "--model", bucket.uri("models/m"), "-o", "a.npy")
+    image = write_image(inside.folder / "a.png")
+    done = inside("predict", image, "--model", bucket.uri("models/m"), "-o", "a.npy")
     assert (done.returncode, done.stderr) == (0, b"")
-    here = inside("predict", picture, "--model", folder, "-o", "b.npy")
+    here = inside("predict", image, "--model", folder, "-o", "b.npy")
     assert here.returncode == 0
     assert (inside.folder / "a.npy").read_bytes() == (inside.folder / "b.npy").read_bytes()
-    none = inside("predict", picture, "--model", bucket.uri("none"))
+    none = inside("predict", image, "--model", bucket.uri("none"))
     assert (none.returncode, none.stderr.count(b"\n")) == (3, 1)
     assert b"no model at 's3://" in none.stderr
 
 
 def test_signatures_and_passwords_are_not_shown(inside: Cli, bucket: Bucket) -> None:
-    key = bucket.put("a.png", write_picture(inside.folder / "a.png").read_bytes())
+    key = bucket.put("a.png", write_image(inside.folder / "a.png").read_bytes())
     signed = bucket.client.generate_presigned_url(
         "get_object", Params={"Bucket": bucket.name, "Key": key.rpartition("/")[2]}
     ).replace("//", "//somebody:word@", 1)
@@ -110,7 +110,7 @@ def test_signatures_and_passwords_are_not_shown(inside: Cli, bucket: Bucket) -> 
 
 
 def test_wrong_credentials_are_one_line(inside: Cli, bucket: Bucket) -> None:
-    write_picture(inside.folder / "a.png")
+    write_image(inside.folder / "a.png")
     with credentials_checked(bucket.endpoint):
         for words, code in (
             (["predict", bucket.uri("a.png"), "-o", "x.png"], 1),
@@ -124,7 +124,7 @@ def test_wrong_credentials_are_one_line(inside: Cli, bucket: Bucket) -> None:
 
 
 def test_plain_paths_open_no_connection(cli: Cli) -> None:
-    write_picture(cli.folder / "in" / "a.png")
+    write_image(cli.folder / "in" / "a.png")
     write_mp4(cli.folder / "in" / "clip.mp4", flat_frames(range(40, 44)))
     (cli.folder / "tiny.toml").write_text(RESNET_TOML)
     write_rooms(cli.folder / "nyu", large_rooms())

@@ -28,13 +28,13 @@ CAMERA = {"hfov_deg": 60.0}
 
 def ramp(cli: Cli, frames: int = 24) -> Path:
     """A clip at 30000/1001 whose frames get brighter, hence farther for the tiny model."""
-    pictures = [
+    images = [
         np.repeat(np.linspace(i, 64 + 7 * i, 64).astype(np.uint8)[None, :, None], 48, 0).repeat(
             3, 2
         )
         for i in range(frames)
     ]
-    return write_mp4(cli.folder / "clip.mp4", pictures)
+    return write_mp4(cli.folder / "clip.mp4", images)
 
 
 @pytest.fixture(scope="module")
@@ -139,8 +139,8 @@ def test_an_interrupted_run_leaves_no_half_video(
 @pytest.mark.parametrize("name", ["mkv", "mp4", "png16"])
 def test_a_full_disk_is_an_error_and_leaves_nothing(cli: Cli, name: str) -> None:
     rng = np.random.default_rng(0)
-    pictures = [rng.integers(0, 256, (64, 96, 3), dtype=np.uint8) for _ in range(60)]
-    write_video(cli.folder / "noise.avi", pictures)
+    images = [rng.integers(0, 256, (64, 96, 3), dtype=np.uint8) for _ in range(60)]
+    write_video(cli.folder / "noise.avi", images)
     limited = (
         "import resource, sys; from depthcli.cli.app import main\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (900, 900))\n"

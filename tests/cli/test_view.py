@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.command_line import Cli
-from helpers.tiny import write_picture
+from helpers.tiny import write_image
 from helpers.videos import flat_frames, write_video
 
 import depthcli
@@ -49,13 +49,13 @@ def test_map_without_metres_makes_no_page(inside: Cli, files: Path) -> None:
 def test_each_format_is_written_by_predict_and_convert(inside: Cli, files: Path) -> None:
     formats = ("glb", "ply", "html", "normals", "stereo")
     asked = [word for name in formats for word in ("--format", name)]
-    write_picture(files / "hall.png")
+    write_image(files / "hall.png")
     assert inside("predict", "hall.png", *asked, "--faces", "--stride", "2").returncode == 0
     names = ("glb", "ply", "html", "normals.png", "stereo.png")
     for name, suffix in zip(formats, names, strict=True):
         assert (files / f"hall.{suffix}").stat().st_size > 0
-        picture = ["--picture", "room.png"] if name != "normals" else []
-        done = inside("convert", "d.npy", f"e.{suffix}", "--hfov", "60", *picture)
+        image = ["--image", "room.png"] if name != "normals" else []
+        done = inside("convert", "d.npy", f"e.{suffix}", "--hfov", "60", *image)
         assert (done.returncode, done.stderr) == (0, b"")
     assert inside("convert", "d.npy", "f.stereo.png").returncode == 1  # without the image
     # Outputs are no inputs of a batch.

@@ -23,7 +23,7 @@ from depthcli.core.types import Frame
 
 
 def scene(off: int = 0) -> tuple[np.ndarray, np.ndarray, Frame]:
-    """True depth, the coarse map of it, and a picture: dark before bright, the edge 4 px a cell."""
+    """True depth, the coarse map of it, and an image: dark before bright, the edge 4 px a cell."""
     true = np.full((96, 128), 3.0, np.float32)
     true[:, : 50 + off] = 1.5
     coarse = resize_area(true, 32, 24)
@@ -90,7 +90,7 @@ def test_a_smeared_edge_is_steep_and_a_slope_stays() -> None:
 
 
 @pytest.mark.parametrize("off", range(4))
-def test_edges_follow_the_picture_s(off: int) -> None:
+def test_edges_follow_the_image_s(off: int) -> None:
     true, coarse, frame = scene(off)
     guided = upsample_guided(coarse, frame, in_log=True)
     bilinear = resize_bilinear(coarse, 128, 96)
@@ -126,7 +126,7 @@ def test_depth_is_never_invented(seed: int, in_log: bool) -> None:
 
 
 @pytest.mark.parametrize("size", [(10, 14), (8, 200), (200, 10)])
-def test_a_picture_no_larger_than_the_map_is_bilinear(size: tuple[int, int]) -> None:
+def test_an_image_no_larger_than_the_map_is_bilinear(size: tuple[int, int]) -> None:
     rng = np.random.default_rng(1)
     coarse = rng.uniform(1, 2, (10, 14)).astype(np.float32)
     frame = Frame(rng.integers(0, 256, size, dtype=np.uint8))

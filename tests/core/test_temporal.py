@@ -83,7 +83,7 @@ def test_a_guide_is_brightness_at_a_bounded_size(dtype: type) -> None:
 def test_a_new_scene_is_a_cut_and_motion_is_not() -> None:
     changes = ChangeDetector()
     scene = noise(0)
-    assert changes.step(scene).is_cut  # the first picture
+    assert changes.step(scene).is_cut  # the first image
     assert not changes.step(scene).is_cut
     for shift in range(1, 6):
         wave = 0.5 + 0.05 * np.sin(np.arange(16) / 3 + shift)
@@ -94,7 +94,7 @@ def test_a_new_scene_is_a_cut_and_motion_is_not() -> None:
 
 
 def cuts(steps: list[float]) -> list[bool]:
-    """Whether each step of a flat picture's brightness is a cut."""
+    """Whether each step of a flat image's brightness is a cut."""
     changes = ChangeDetector()
     level = 0.5
     changes.step(np.full((8, 8), level, np.float32))
@@ -120,7 +120,7 @@ STATIC = Change(np.zeros((12, 16), np.float32), is_cut=False)
 STEADY = Correction(np.zeros((3, 4), np.float32), np.ones((3, 4), np.float32))
 
 
-def test_smoothing_a_still_picture_is_an_exponential_mean() -> None:
+def test_smoothing_a_still_image_is_an_exponential_mean() -> None:
     smoother, decay = Smoother(), ema_decay(1 / 30, 0.2)
     expected = noise(0).astype(np.float64)
     smoother.step(noise(0), STATIC, STEADY, decay)
@@ -132,7 +132,7 @@ def test_smoothing_a_still_picture_is_an_exponential_mean() -> None:
         np.testing.assert_allclose(smoother.step(now, STATIC, STEADY, decay), expected, atol=1e-5)
 
 
-def test_smoothing_stops_where_the_picture_moves_and_at_cuts() -> None:
+def test_smoothing_stops_where_the_image_moves_and_at_cuts() -> None:
     difference = np.zeros((12, 16), np.float32)
     difference[:, 8:] = 0.5
     smoother = Smoother()
@@ -163,11 +163,11 @@ def test_smoothing_stops_where_motion_explains_the_change() -> None:
 
 
 def corrections(
-    pictures: list[Array], logs: list[Array], look_ahead: int, cuts: set[int], decay: float = 0.8
+    images: list[Array], logs: list[Array], look_ahead: int, cuts: set[int], decay: float = 0.8
 ) -> list[Correction]:
     deflicker, found = Deflicker(look_ahead), []
-    for i, (picture, values) in enumerate(zip(pictures, logs, strict=True)):
-        found += deflicker.step(picture, values, decay, is_cut=i in cuts)
+    for i, (image, values) in enumerate(zip(images, logs, strict=True)):
+        found += deflicker.step(image, values, decay, is_cut=i in cuts)
         assert max(0, i + 1 - look_ahead) <= len(found) <= i + 1
     return found + deflicker.finish()
 
@@ -182,9 +182,9 @@ def test_flickering_scale_becomes_its_mean_or_trend_around_each_frame(
     rises: list[float], look_ahead: int, cuts: set[int]
 ) -> None:
     cuts.add(0)
-    picture, base = noise(0), noise(1)
+    image, base = noise(0), noise(1)
     logs = [base + np.float32(rise) for rise in rises]
-    found = corrections([picture] * len(rises), logs, look_ahead, cuts)
+    found = corrections([image] * len(rises), logs, look_ahead, cuts)
     assert len(found) == len(rises)
     for now, correction in enumerate(found):
         first = max([cut for cut in cuts if cut <= now] + [now - (look_ahead or now)])
@@ -196,7 +196,7 @@ def test_flickering_scale_becomes_its_mean_or_trend_around_each_frame(
 
 
 def panned(count: int, step_px: int) -> tuple[list[Array], list[Array]]:
-    """Pictures of a textured wall that a camera pans along and comes nearer to, and its depth."""
+    """Images of a textured wall that a camera pans along and comes nearer to, and its depth."""
     wide = cv2.GaussianBlur(noise(2, (120, 400)), (0, 0), 3)
     wide = (wide - wide.min()) / np.ptp(wide)
     slope = np.tile(np.linspace(0, 1, 400, dtype=np.float32), (120, 1)) + (wide > 0.5)
@@ -209,13 +209,13 @@ def panned(count: int, step_px: int) -> tuple[list[Array], list[Array]]:
 
 @pytest.mark.parametrize("step_px", [0, 1, 4])
 def test_flicker_goes_from_depth_that_moves_and_a_true_change_stays(step_px: int) -> None:
-    pictures, truth = panned(30, step_px)
+    images, truth = panned(30, step_px)
     random, flicker = np.random.default_rng(0), []
     for _ in truth:  # of scale, and of one side against the other
         sides = random.normal(0, 0.02, 2)
         flicker.append(np.linspace(sides[0], sides[1], 160, dtype=np.float32))
     logs = [depth + rise for depth, rise in zip(truth, flicker, strict=True)]
-    found = corrections(pictures, logs, 6, {0}, 0.85)
+    found = corrections(images, logs, 6, {0}, 0.85)
     steady = [
         values + cv2.resize(correction.rise, values.shape[::-1])
         for values, correction in zip(logs, found, strict=True)
@@ -223,25 +223,25 @@ def test_flicker_goes_from_depth_that_moves_and_a_true_change_stays(step_px: int
     before, after = (np.subtract(maps, truth) for maps in (logs, steady))
     assert np.abs(np.diff(after, axis=0)).mean() < 0.35 * np.abs(np.diff(before, axis=0)).mean()
     assert abs(after[6:-6].mean()) < 0.005  # a camera that comes nearer, by 15 % in all
-    steady_rise = [each.rise.mean() for each in corrections(pictures, truth, 6, {0}, 0.85)]
+    steady_rise = [each.rise.mean() for each in corrections(images, truth, 6, {0}, 0.85)]
     assert np.abs(steady_rise).max() < 0.002  # also near both ends
     edges = [np.abs(np.diff(maps, axis=2)).mean() for maps in (truth, steady)]
     assert edges[1] == pytest.approx(edges[0], rel=0.03)
 
 
 def test_noise_is_no_motion() -> None:
-    (picture,), (depth,) = panned(1, 0)
-    grain = [picture + 0.04 * (noise(seed, picture.shape) - np.float32(0.5)) for seed in (5, 6)]
+    (image,), (depth,) = panned(1, 0)
+    grain = [image + 0.04 * (noise(seed, image.shape) - np.float32(0.5)) for seed in (5, 6)]
     assert corrections(grain, [depth] * 2, 0, {0})[1].stillness.mean() > 0.6
     moved, _ = panned(2, 1)
     assert corrections(moved, [depth] * 2, 0, {0})[1].stillness.mean() < 0.05
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 192), (31, 40), (32, 32)])
-def test_pictures_of_any_size_are_steadied(shape: tuple[int, int]) -> None:
-    picture, logs = noise(0, shape), [noise(1, shape), noise(1, shape) + np.float32(0.1)]
+def test_images_of_any_size_are_steadied(shape: tuple[int, int]) -> None:
+    image, logs = noise(0, shape), [noise(1, shape), noise(1, shape) + np.float32(0.1)]
     logs[0][0] = np.nan
-    for correction in corrections([picture] * 2, logs, 1, {0}):
+    for correction in corrections([image] * 2, logs, 1, {0}):
         assert np.isfinite(correction.rise).all()
 
 

@@ -1,4 +1,4 @@
-"""Folders of pictures for a batch that is called as a library."""
+"""Folders of images for a batch that is called as a library."""
 
 from pathlib import Path
 
@@ -7,22 +7,22 @@ from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from helpers.file_trees import contents
-from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.tiny import synthetic_image, write_image, write_model
 
 NAMES = ("a.png", "z.png", "hall/b.png")
 
 
 def request(folder: Path, out: str = "out", options: BatchOptions | None = None) -> BatchRequest:
-    """A batch of the pictures in the folder ``in``, by two workers."""
+    """A batch of the images in the folder ``in``, by two workers."""
     plan = plan_folder(str(folder / "in"), str(folder / out))
     loader = SessionLoader(write_model(folder / "model", camera={"hfov_deg": 60.0}), "cpu")
     return BatchRequest(plan, options or BatchOptions(), loader, workers=2)
 
 
-def pictures(folder: Path) -> None:
-    """Three pictures, no two alike."""
+def images(folder: Path) -> None:
+    """Three images, no two alike."""
     for number, name in enumerate(NAMES):
-        write_picture(folder / "in" / name, synthetic_picture(24, 32 + number))
+        write_image(folder / "in" / name, synthetic_image(24, 32 + number))
 
 
 def outputs(folder: Path) -> dict[str, bytes]:

@@ -1,4 +1,4 @@
-"""Folders of pictures for ``depthcli batch``, and what became of them."""
+"""Folders of images for ``depthcli batch``, and what became of them."""
 
 import json
 import subprocess
@@ -9,22 +9,22 @@ import numpy as np
 
 from helpers import file_trees
 from helpers.command_line import Cli
-from helpers.tiny import synthetic_picture, write_picture
+from helpers.tiny import synthetic_image, write_image
 
 
-def picture(cli: Cli, name: str, pixels: np.ndarray[Any, Any]) -> Path:
-    """One picture in the folder ``in``."""
-    return write_picture(cli.folder / "in" / name, pixels)
+def image(cli: Cli, name: str, pixels: np.ndarray[Any, Any]) -> Path:
+    """One image in the folder ``in``."""
+    return write_image(cli.folder / "in" / name, pixels)
 
 
 def tree(cli: Cli, *names: str) -> None:
-    """Files in the folder ``in``: small pictures, no two alike, or text."""
+    """Files in the folder ``in``: small images, no two alike, or text."""
     for number, name in enumerate(names):
         path = cli.folder / "in" / name
         if path.suffix == ".txt":
             path.write_text("text")
         else:
-            write_picture(path, synthetic_picture(24, 32 + number))
+            write_image(path, synthetic_image(24, 32 + number))
 
 
 def contents(cli: Cli, folder: str) -> dict[str, bytes]:

@@ -12,17 +12,17 @@ pillow_heif = pytest.importorskip("pillow_heif", reason="HEIC needs pillow-heif"
 _MODES = {1: "L", 3: "RGB", 4: "RGBA"}
 
 
-def heic(*pictures: npt.NDArray[Any], **options: Any) -> bytes:
-    """A HEIC of pictures (H, W) or (H, W, C), of 8 bits or, from uint16, of 10 or 12.
+def heic(*images: npt.NDArray[Any], **options: Any) -> bytes:
+    """A HEIC of images (H, W) or (H, W, C), of 8 bits or, from uint16, of 10 or 12.
 
     Options are those of pillow-heif, such as ``exif`` and ``tile_size``.
     """
     made = pillow_heif.HeifFile()
-    for picture in pictures:
-        height, width = picture.shape[:2]
-        mode = _MODES[picture.shape[2] if picture.ndim == 3 else 1]
-        mode += ";16" if picture.dtype == np.uint16 else ""
-        made.add_frombytes(mode, (width, height), np.ascontiguousarray(picture).tobytes())
+    for image in images:
+        height, width = image.shape[:2]
+        mode = _MODES[image.shape[2] if image.ndim == 3 else 1]
+        mode += ";16" if image.dtype == np.uint16 else ""
+        made.add_frombytes(mode, (width, height), np.ascontiguousarray(image).tobytes())
     file = io.BytesIO()
     made.save(file, **{"quality": 90, "chroma": 444, **options})
     return file.getvalue()

@@ -1,4 +1,4 @@
-"""Picture files written byte by byte, for what OpenCV does not write."""
+"""Image files written byte by byte, for what OpenCV does not write."""
 
 import base64
 import struct

@@ -1,4 +1,4 @@
-"""Plates: EXR pictures with overscan, crops and non-square pixels, and their depth."""
+"""Plates: EXR images with overscan, crops and non-square pixels, and their depth."""
 
 from collections.abc import Iterable
 from fractions import Fraction

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from depthcli.io.formats.table import Format
-from depthcli.jobs.predict import PredictRequest, picture_destination
+from depthcli.jobs.predict import PredictRequest, image_destination
 from depthcli.jobs.video.plan import VideoRequest, video_destination
 from depthcli.video.formats import VideoFormat
 
@@ -30,5 +30,5 @@ def predict_request(
     **more: Any,
 ) -> PredictRequest:
     """Images and their outputs; further fields of the request as they are."""
-    where = picture_destination(None if out is None else str(out), formats)
+    where = image_destination(None if out is None else str(out), formats)
     return PredictRequest(tuple(map(str, sources)), where, **more)

@@ -1,4 +1,4 @@
-"""A tiny model and a synthetic picture, made when a test needs them."""
+"""A tiny model and a synthetic image, made when a test needs them."""
 
 import copy
 import hashlib
@@ -133,7 +133,7 @@ def write_model(folder: Path, data: bytes | None = None, **changes: object) -> P
     return folder
 
 
-def synthetic_picture(height: int = 48, width: int = 64) -> np.ndarray[Any, np.dtype[np.uint8]]:
+def synthetic_image(height: int = 48, width: int = 64) -> np.ndarray[Any, np.dtype[np.uint8]]:
     """(H, W, 3) uint8 RGB: brightness grows to the right, colour changes downwards."""
     rows, columns = np.mgrid[0:height, 0:width]
     bright = 255 * columns / (width - 1)
@@ -141,9 +141,9 @@ def synthetic_picture(height: int = 48, width: int = 64) -> np.ndarray[Any, np.d
     return np.stack([bright, bright * tint, bright * (1.5 - tint) / 1.5], axis=-1).astype(np.uint8)
 
 
-def write_picture(path: Path, pixels: np.ndarray[Any, Any] | None = None) -> Path:
-    """Write RGB or gray pixels, by default the synthetic picture, in the suffix's format."""
-    pixels = synthetic_picture() if pixels is None else pixels
+def write_image(path: Path, pixels: np.ndarray[Any, Any] | None = None) -> Path:
+    """Write RGB or gray pixels, by default the synthetic image, in the suffix's format."""
+    pixels = synthetic_image() if pixels is None else pixels
     path.parent.mkdir(parents=True, exist_ok=True)
     ok, data = cv2.imencode(path.suffix, pixels[..., ::-1] if pixels.ndim == 3 else pixels)
     assert ok

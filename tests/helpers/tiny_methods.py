@@ -28,7 +28,7 @@ def tiny_method(name: str, **loss: Any) -> Any:
 
 
 def batch(seed: int = 0) -> TrainingBatch:
-    """One picture and one depth map of 32 x 32 pixels."""
+    """One image and one depth map of 32 x 32 pixels."""
     random = torch.Generator().manual_seed(seed)
     gray = torch.rand(1, 1, 32, 32, generator=random) * 2 - 1
     return TrainingBatch(gray, torch.rand(1, 1, 32, 32, generator=random) * 8 + 1)

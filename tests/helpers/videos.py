@@ -184,14 +184,14 @@ def with_sound(
     """A gray clip with a tone that begins at one second; its clock may begin later than 0."""
     with av.open(str(path), "w") as output:
         output.metadata.update({"timecode": timecode} if timecode else {})
-        pictures = output.add_stream("mpeg4", rate=25)
-        pictures.width, pictures.height, pictures.pix_fmt = 64, 48, "yuv420p"
+        images = output.add_stream("mpeg4", rate=25)
+        images.width, images.height, images.pix_fmt = 64, 48, "yuv420p"
         sound = output.add_stream(codec, rate=rate)
         sound.codec_context.layout = layout
         for index in range(round(seconds * 25)):
             frame = av.VideoFrame.from_ndarray(flat_frames([2 * index])[0], "rgb24")
             frame.pts, frame.time_base = index + 25 * begin_s, Fraction(1, 25)
-            output.mux(pictures.encode(frame))
+            output.mux(images.encode(frame))
             first, end = index * rate // 25, (index + 1) * rate // 25
             times_s = np.arange(first, end) / rate
             tone = np.where(times_s < 1, 0, np.sin(2 * np.pi * 440 * times_s) * 9000)
@@ -200,7 +200,7 @@ def with_sound(
             samples.sample_rate, samples.pts = rate, first + rate * begin_s
             samples.time_base = Fraction(1, rate)
             output.mux(sound.encode(samples))
-        output.mux(pictures.encode(None))
+        output.mux(images.encode(None))
         output.mux(sound.encode(None))
     return path
 

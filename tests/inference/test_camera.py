@@ -1,4 +1,4 @@
-"""Metres of pictures of any shape, with and without a focal length."""
+"""Metres of images of any shape, with and without a focal length."""
 
 import json
 import math
@@ -32,7 +32,7 @@ SHAPES = [(40, 30), (30, 40), (40, 40), (64, 36), (84, 36), (200, 20), (3, 500)]
 
 
 def black(width: int, height: int, **facts: float | None) -> Frame:
-    """A picture in which the tiny network sees 1 m everywhere."""
+    """An image in which the tiny network sees 1 m everywhere."""
     return Frame(np.zeros((height, width), np.uint8), **facts)
 
 
@@ -70,7 +70,7 @@ def test_the_assumed_camera_counts_as_if_it_had_been_given(
 @pytest.mark.parametrize("shape", [(40, 30), (30, 40), (80, 32), (200, 20)])
 @pytest.mark.parametrize("aspect", [2.0, 0.5])
 @pytest.mark.parametrize("camera", [{"focal_px": 50.0}, {"hfov_deg": 40.0}, {"exif": 30.0}, {}])
-def test_squeezed_pictures_have_the_metres_and_the_points_of_square_ones(
+def test_squeezed_images_have_the_metres_and_the_points_of_square_ones(
     tmp_path: Path,
     fit: dict[str, object],
     shape: tuple[int, int],
@@ -108,7 +108,7 @@ def test_squeezed_pictures_have_the_metres_and_the_points_of_square_ones(
     ],
 )
 @pytest.mark.parametrize("upright", [False, True])
-def test_other_shapes_are_taken_for_crops_of_the_learned_camera_s_pictures(
+def test_other_shapes_are_taken_for_crops_of_the_learned_camera_s_images(
     tmp_path: Path, size: tuple[int, int], from_px: int, upright: bool
 ) -> None:
     """The learned frame is 60 degrees over its longer side, whichever that is."""
@@ -120,7 +120,7 @@ def test_other_shapes_are_taken_for_crops_of_the_learned_camera_s_pictures(
 
 
 @pytest.mark.parametrize("fit", ["stretch", "keep-aspect"])
-def test_a_network_that_learned_squeezed_pictures(tmp_path: Path, fit: str) -> None:
+def test_a_network_that_learned_squeezed_images(tmp_path: Path, fit: str) -> None:
     """4:3 at 12 x 12: what it learned is a focal length between those of both axes."""
     squeezed = {"input__width": 12, "input__fit": fit, "input__pixel_aspect": 4 / 3}
     pipeline = model(tmp_path, **squeezed)
@@ -143,7 +143,7 @@ def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(tmp_path: 
         pipeline.predict(black(40, 30)).depth.provenance,
     ]
     found = [(source.camera_source, source.focal_px) for source in sources if source]
-    exif_px = 50 * 50 / math.hypot(36, 24)  # the picture's diagonal is 50 pixels
+    exif_px = 50 * 50 / math.hypot(36, 24)  # the image's diagonal is 50 pixels
     assert found == [
         (CameraSource.OPTION, 40),
         (CameraSource.OPTION, pytest.approx(20)),

@@ -1,4 +1,4 @@
-"""Ready cards against depth of the authors' code, of a small picture and a network of few weights.
+"""Ready cards against depth of the authors' code, of a small image and a network of few weights.
 
 ``benchmarks/verify_cards.py --write`` makes the files: the authors' packages are not needed here.
 """
@@ -43,7 +43,7 @@ def opened(name: str) -> tuple[Session, Frame, Mapping[str, npt.NDArray[np.float
 
 
 def known_points(kept: Mapping[str, npt.NDArray[np.float32]], frame: Frame) -> KnownDepth | None:
-    """Points at the centres of the pixels of known depth, a map of the whole picture."""
+    """Points at the centres of the pixels of known depth, a map of the whole image."""
     if "known" not in kept:
         return None
     depth_m = kept["known"]
@@ -80,7 +80,7 @@ def test_output_at_the_size_of_the_network_is_that_of_the_authors(name: str) -> 
 @pytest.mark.parametrize(
     "name", [name for name in NAMES if "full" in np.load(KEPT / f"{name}.npz")]
 )
-def test_depth_of_a_picture_is_that_of_the_authors(name: str) -> None:
+def test_depth_of_an_image_is_that_of_the_authors(name: str) -> None:
     session, frame, kept = opened(name)
     focal_px = float(kept["focal_px"]) if "focal_px" in kept else None
     mask = DepthMask.MODEL if "has" in kept else DepthMask.NONE

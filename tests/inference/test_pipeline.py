@@ -16,7 +16,7 @@ from helpers.tiny import (
     known_depth_onnx,
     load,
     prompted_onnx,
-    synthetic_picture,
+    synthetic_image,
     tiny_onnx,
     write_model,
 )
@@ -65,7 +65,7 @@ def test_metres_are_corrected_as_measured(
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 300), (7, 5), (480, 640)])
-def test_depth_has_the_picture_s_size(model_folder: Path, size: tuple[int, int]) -> None:
+def test_depth_has_the_image_s_size(model_folder: Path, size: tuple[int, int]) -> None:
     depth = load(model_folder).predict(gray(100, *size)).depth
     assert (depth.height, depth.width) == size
 
@@ -80,9 +80,9 @@ def test_left_stays_left_and_top_stays_top(model_folder: Path) -> None:
 
 @pytest.mark.parametrize("fit", ["stretch", "keep-aspect"])
 @pytest.mark.parametrize("dynamic", [True, False])
-def test_every_fit_puts_depth_where_the_picture_is(tmp_path: Path, fit: str, dynamic: bool) -> None:
+def test_every_fit_puts_depth_where_the_image_is(tmp_path: Path, fit: str, dynamic: bool) -> None:
     folder = write_model(tmp_path, input__fit=fit, input__dynamic=dynamic)
-    pixels = synthetic_picture(60, 180)
+    pixels = synthetic_image(60, 180)
     depth = load(folder).predict(Frame(pixels)).depth.values
     expected = 1 + 8 / 255 * pixels.max(axis=-1)
     assert np.abs(depth - expected)[:, 12:-12].max() < 0.4
@@ -152,7 +152,7 @@ def predicted(
     return [one.depth for one in found if isinstance(one, Prediction)]
 
 
-def test_many_pictures_give_what_each_gives_alone(kinect: Pipeline) -> None:
+def test_many_images_give_what_each_gives_alone(kinect: Pipeline) -> None:
     noise = np.random.default_rng(3).integers(0, 256, (7, 24, 32), np.uint8)
     wide = np.random.default_rng(4).integers(0, 256, (20, 90), np.uint8)
     frames = [Frame(noise[0]), Frame(wide, focal_35mm=50.0), *map(Frame, noise[1:])]
@@ -186,7 +186,7 @@ def test_an_image_that_fails_does_not_stop_the_others_of_its_batch(kinect: Pipel
         kinect.predict(gray(90), anchors=outside)
 
 
-def test_pictures_of_one_size_run_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_images_of_one_size_run_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pipeline = load(write_model(tmp_path, input__fit="keep-aspect"))
     run, shapes = pipeline.session.outputs, []
 
@@ -200,7 +200,7 @@ def test_pictures_of_one_size_run_together(tmp_path: Path, monkeypatch: pytest.M
     assert [float(depth.values[9, 9]) for depth in maps] == pytest.approx([1, 2.6, 9, 1])
 
 
-def test_a_network_that_takes_one_picture_gets_one_at_a_time(tmp_path: Path) -> None:
+def test_a_network_that_takes_one_image_gets_one_at_a_time(tmp_path: Path) -> None:
     graph = onnx.load_from_string(tiny_onnx())
     graph.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
     maps = predicted(load(write_model(tmp_path, graph.SerializeToString())), [gray(0), gray(255)])
@@ -282,7 +282,7 @@ def test_depth_of_a_network_follows_few_points_as_that_makes_it(prompted: Pipeli
 
 @pytest.mark.parametrize("fit", [DepthFit.GLOBAL, DepthFit.LOCAL, DepthFit.NETWORK])
 def test_fit_chooses_how_depth_follows(prompted: Pipeline, kinect: Pipeline, fit: DepthFit) -> None:
-    pixels = synthetic_picture()
+    pixels = synthetic_image()
     plain = prompted.predict(Frame(pixels)).depth.values
     x, y = (axis.ravel() for axis in np.meshgrid(np.arange(0, 64, 6), np.arange(0, 48, 6)))
     known_m = plain[y, x] * np.where(x < 32, 1.0, 1.3)

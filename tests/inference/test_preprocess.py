@@ -75,7 +75,7 @@ def test_shrinking_averages() -> None:
 
 
 def finish(form: OutputSpec, raw: np.ndarray, place: Layout, width: int, height: int) -> np.ndarray:
-    """Depth at a picture's size, without a look at the picture."""
+    """Depth at an image's size, without a look at the image."""
     frame = Frame(np.zeros((height, width), np.uint8))
     return full_size(form, coarse_depth(form, raw, place), frame, Upsampling.BILINEAR)
 
@@ -91,7 +91,7 @@ def test_no_depth_is_0_m(upsampling: Upsampling) -> None:
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 500), (500, 1), (480, 640)])
-def test_any_picture_gives_the_network_s_size(size: tuple[int, int]) -> None:
+def test_any_image_gives_the_network_s_size(size: tuple[int, int]) -> None:
     batch, _ = prepare(spec(), Frame(np.zeros((*size, 3), np.uint8)))
     assert batch.shape == (1, 1, 12, 16)
 
@@ -206,7 +206,7 @@ def test_no_depth_stays_no_depth() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fit", "size", "picture", "seen"),
+    ("fit", "size", "image", "seen"),
     [
         (Fit.LOWER_BOUND, (16, 12), (16, 12), (20, 15)),  # rounding would cross the bound
         (Fit.UPPER_BOUND, (18, 13), (18, 13), (15, 10)),
@@ -217,10 +217,10 @@ def test_no_depth_stays_no_depth() -> None:
     ],
 )
 def test_sizes_without_padding(
-    fit: Fit, size: tuple[int, int], picture: tuple[int, int], seen: tuple[int, int]
+    fit: Fit, size: tuple[int, int], image: tuple[int, int], seen: tuple[int, int]
 ) -> None:
     width, height = size
-    found = input_layout(spec(width=width, height=height, multiple_of=5, fit=fit), *picture)
+    found = input_layout(spec(width=width, height=height, multiple_of=5, fit=fit), *image)
     assert found == Layout(*seen, 0, 0, *seen)
 
 
@@ -232,14 +232,14 @@ def test_a_letterbox_of_squeezed_pixels() -> None:
 
 
 @pytest.mark.parametrize("resize", [Resize.AREA, Resize.CUBIC])
-def test_large_pictures_are_resized_as_small_ones(
+def test_large_images_are_resized_as_small_ones(
     resize: Resize, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    picture = Frame(np.random.default_rng(0).integers(0, 256, (50, 70, 3), np.uint8))
-    wanted, place = prepare(replace(spec(), resize=resize), picture)
+    image = Frame(np.random.default_rng(0).integers(0, 256, (50, 70, 3), np.uint8))
+    wanted, place = prepare(replace(spec(), resize=resize), image)
     monkeypatch.setattr(transforms, "_LARGE_PIXELS", 100)
     monkeypatch.setattr(transforms.imageops, "BAND_PIXELS", 300)
-    found, same = prepare(replace(spec(), resize=resize), picture)
+    found, same = prepare(replace(spec(), resize=resize), image)
     np.testing.assert_allclose(found, wanted, atol=2e-6)
     assert place == same
 

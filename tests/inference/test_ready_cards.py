@@ -28,7 +28,7 @@ class Signature:
     """How a model's ONNX file presents itself; None is a dynamic length.
 
     ``rank`` is that of the output, ``stride`` its step against the input, ``top`` what the network
-    gives for a white picture.
+    gives for a white image.
     """
 
     input_name: str
@@ -168,7 +168,7 @@ def test_the_graph_s_own_size_is_taken(tmp_path: Path) -> None:
         write_network(tmp_path / "n.onnx", ANYTHING_FIXED), "depth-anything-v2-small"
     ).card.input
     assert (wide.height, wide.width, wide.dynamic) == (256, 320, False)
-    assert wide.pixel_aspect == pytest.approx(4 / 3 * 256 / 320)  # it learned pictures of 4:3
+    assert wide.pixel_aspect == pytest.approx(4 / 3 * 256 / 320)  # it learned images of 4:3
     assert (fixed.height, fixed.width, fixed.dynamic, fixed.fit) == (518, 518, False, Fit.STRETCH)
 
 

@@ -31,7 +31,7 @@ def test_a_number_of_threads_that_cannot_be_is_refused(model_folder: Path, threa
         Session(find_model(model_folder), threads=threads)
 
 
-def test_run_gives_one_map_for_each_picture(model_folder: Path) -> None:
+def test_run_gives_one_map_for_each_image(model_folder: Path) -> None:
     batch = np.arange(2 * 6 * 8, dtype=np.float32).reshape(2, 1, 6, 8)
     raw = Session(find_model(model_folder)).run(batch)
     assert raw.dtype == np.float32

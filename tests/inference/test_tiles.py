@@ -31,14 +31,14 @@ COARSE = (24, 32)
 
 
 def ramp(height: int = 300, width: int = 400) -> Frame:
-    """A float picture that is its own smooth depth: 1 m to 7 m, curved."""
+    """A float image that is its own smooth depth: 1 m to 7 m, curved."""
     rows, columns = np.mgrid[0:height, 0:width]
     depth_m = 1 + 3 * (rows / height) ** 2 + 3 * np.sin(columns / width * 1.5)
     return Frame((depth_m / 10).astype(np.float32))
 
 
 def seen(frame: Frame) -> np.ndarray:
-    """The picture's depth at the size of a network's output."""
+    """The image's depth at the size of a network's output."""
     from depthcli.core.imageops import resize_area  # noqa: PLC0415 - beside what uses it
 
     return resize_area(frame.pixels.astype(np.float32) * 10, COARSE[1], COARSE[0])
@@ -52,7 +52,7 @@ def moody(frame: Frame) -> np.ndarray:
     return np.clip(depth_m * factor * bend.astype(np.float32), 0.5, 10).astype(np.float32)
 
 
-def test_tiles_cover_the_picture_and_overlap() -> None:
+def test_tiles_cover_the_image_and_overlap() -> None:
     grid = TileGrid.plan(1000, 300, COARSE)
     assert (grid.width, grid.height) == (107, 80)
     covered = np.zeros((grid.height, grid.width), int)
@@ -147,10 +147,10 @@ def test_tiles_make_the_map_sharper(camera: Callable[[UpsamplingOptions], Pipeli
     assert errors[1] < 0.8 * errors[0]
 
 
-def test_a_tiled_map_is_guided_as_far_as_a_pixel_of_the_whole_picture_reaches(
+def test_a_tiled_map_is_guided_as_far_as_a_pixel_of_the_whole_image_reaches(
     camera: Callable[[UpsamplingOptions], Pipeline],
 ) -> None:
-    """Tiles of 32 of 128 columns: the joined map is four times as fine as the whole picture's."""
+    """Tiles of 32 of 128 columns: the joined map is four times as fine as the whole image's."""
     frame = textured()
     pipeline = camera(UpsamplingOptions(Upsampling.GUIDED, 32))
     spec = pipeline.card.output

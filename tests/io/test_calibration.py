@@ -142,7 +142,7 @@ def test_file_that_is_not_a_calibration_is_refused(
 
 
 @pytest.mark.parametrize("name", ["projection_matrix", "P", "p"])
-def test_rectified_pictures_have_the_camera_of_the_projection_matrix(
+def test_rectified_images_have_the_camera_of_the_projection_matrix(
     tmp_path: Path, name: str
 ) -> None:
     path = tmp_path / "camera.yaml"
@@ -167,7 +167,7 @@ def test_pixels_are_not_square_if_fx_and_fy_differ_by_over_a_thousandth(
 
 
 @pytest.mark.parametrize("binning", [1, 2])
-def test_a_region_of_interest_is_the_picture(tmp_path: Path, binning: int) -> None:
+def test_a_region_of_interest_is_the_image(tmp_path: Path, binning: int) -> None:
     path = tmp_path / "camera_info.yaml"
     path.write_text(TOPIC + REGION)
     found = read_calibration(path)

@@ -41,7 +41,7 @@ def channels_of(*layers: str) -> list[str]:
         (("a.very.long.C", "b"), "a.very.long.C."),
     ],
 )
-def test_the_picture_is_found_by_its_name(layers: tuple[str, ...], wanted: str) -> None:
+def test_the_image_is_found_by_its_name(layers: tuple[str, ...], wanted: str) -> None:
     expected = tuple(wanted + colour for colour in "RGB"), None
     assert colour_channels("a.exr", channels_of(*layers)) == expected
     assert colour_channels("a.exr", channels_of(*layers[::-1])) == expected
@@ -62,7 +62,7 @@ def test_of_several_the_first_is_used_with_a_warning(layers: tuple[str, ...], ot
     assert f"if it is in {others}, " in warning
 
 
-def test_luminance_is_a_picture_but_no_part_of_a_vector() -> None:
+def test_luminance_is_an_image_but_no_part_of_a_vector() -> None:
     assert colour_channels("a.exr", ["BY", "RY", "Y", *channels_of("b")]) == (("Y",), None)
     for names in (["X", "Y", "Z"], ["N.X", "N.Y", "N.Z"], ["R", "G", "b.B"]):
         with pytest.raises(InputError, match=r"a\.exr holds no image"):
@@ -161,7 +161,7 @@ def test_depth_is_of_the_eye_of_the_image(tmp_path: Path) -> None:
     assert len(stored.warnings) == 1
     left = DepthReadOptions(layer="depth_left")
     assert read_stored_depth(path, left).depth.values.max() == 2
-    request = ConvertRequest(str(path), str(tmp_path / "a.preview.png"), picture=str(path))
+    request = ConvertRequest(str(path), str(tmp_path / "a.preview.png"), image=str(path))
     assert convert(request).target == request.target
     with pytest.raises(InputError):
         convert(replace(request, stated=left))
@@ -187,7 +187,7 @@ PUBLISHED = {
 
 
 def warnings_of(path: Path, *, colours: str = "RGB", share: float = 0, **header: Any) -> list[str]:
-    """Those about a picture of which a share of the pixels is above 1, in blue or in Y."""
+    """Those about an image of which a share of the pixels is above 1, in blue or in Y."""
     light = np.ones((10, 20), np.float32)
     bright = light.copy()
     bright.ravel()[: round(share * light.size)] = 1.5

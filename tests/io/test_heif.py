@@ -1,4 +1,4 @@
-"""HEIC pictures: bits, channels, how they were held, several in one; what is refused."""
+"""HEIC images: bits, channels, how they were held, several in one; what is refused."""
 
 import io
 from typing import Any
@@ -17,15 +17,15 @@ from depthcli.io.media import is_image
 
 WIDTH, HEIGHT = 96, 64
 _ROWS, _COLUMNS = np.mgrid[:HEIGHT, :WIDTH]
-PICTURE = np.dstack([_COLUMNS * 2, _ROWS * 3, 255 - _COLUMNS * 2]).astype(np.uint8)
-DEEP = PICTURE.astype(np.uint16) * 257
+IMAGE = np.dstack([_COLUMNS * 2, _ROWS * 3, 255 - _COLUMNS * 2]).astype(np.uint8)
+DEEP = IMAGE.astype(np.uint16) * 257
 FILES = {
-    "colour": heic(PICTURE),
-    "tiles": heic(PICTURE, tile_size=64),
-    "alpha": heic(np.dstack([PICTURE, np.full_like(PICTURE[..., :1], 255)])),
-    "gray": heic(PICTURE[..., 1]),
+    "colour": heic(IMAGE),
+    "tiles": heic(IMAGE, tile_size=64),
+    "alpha": heic(np.dstack([IMAGE, np.full_like(IMAGE[..., :1], 255)])),
+    "gray": heic(IMAGE[..., 1]),
     "deep": heic(DEEP),
-    "of a camera": heic(PICTURE, exif=made.exif(6, focal_35mm=26)),
+    "of a camera": heic(IMAGE, exif=made.exif(6, focal_35mm=26)),
 }
 
 
@@ -43,14 +43,14 @@ def reason(data: bytes, max_pixels: int = WIDTH * HEIGHT) -> str:
 
 
 @pytest.mark.parametrize("name", ["colour", "tiles", "alpha"])
-def test_colours_are_those_of_the_picture(name: str) -> None:
+def test_colours_are_those_of_the_image(name: str) -> None:
     pixels = read_image(None, FILES[name]).pixels
-    assert distance(pixels, PICTURE) < 2
+    assert distance(pixels, IMAGE) < 2
     pixels[0] = 0  # it is the caller's own
 
 
 def test_gray_stays_gray() -> None:
-    assert distance(read_image(None, FILES["gray"]).pixels, PICTURE[..., 1]) < 2
+    assert distance(read_image(None, FILES["gray"]).pixels, IMAGE[..., 1]) < 2
 
 
 @pytest.mark.parametrize("bits", [10, 12])
@@ -69,38 +69,38 @@ def test_more_than_8_bits_become_16(bits: int, white_level: int | None) -> None:
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_a_turned_picture_is_turned_once(orientation: int) -> None:
+def test_a_turned_image_is_turned_once(orientation: int) -> None:
     """The file has the orientation in its properties, which count, and in its EXIF."""
-    stored = np.ascontiguousarray(made.upright_to_stored(PICTURE, orientation))
+    stored = np.ascontiguousarray(made.upright_to_stored(IMAGE, orientation))
     data = heic(stored, exif=made.exif(orientation, focal_35mm=26))
     assert pillow_heif.open_heif(data).info["exif"] == made.exif(orientation, focal_35mm=26)
     frame = read_image(None, data)
-    assert distance(frame.pixels, PICTURE) < 2
+    assert distance(frame.pixels, IMAGE) < 2
     assert (frame.orientation, frame.focal_35mm) == (orientation, 26)
 
 
 def test_the_orientation_in_exif_alone_does_not_count() -> None:
-    data = heic(PICTURE, exif=made.exif(1, focal_35mm=26))
+    data = heic(IMAGE, exif=made.exif(1, focal_35mm=26))
     assert made.exif(1, focal_35mm=26) in data
     frame = read_image(None, data.replace(made.exif(1, 26), made.exif(6, 26)))
-    assert distance(frame.pixels, PICTURE) < 2
+    assert distance(frame.pixels, IMAGE) < 2
     assert (frame.orientation, frame.focal_35mm) == (1, 26)
 
 
 def test_exif_behind_its_usual_head_is_found() -> None:
-    frame = read_image(None, heic(PICTURE, exif=b"Exif\0\0" + made.exif(1, focal_35mm=26)))
+    frame = read_image(None, heic(IMAGE, exif=b"Exif\0\0" + made.exif(1, focal_35mm=26)))
     assert frame.focal_35mm == 26
     assert read_image(None, FILES["colour"]).focal_35mm is None
 
 
-def test_of_several_pictures_the_primary_one_is_used() -> None:
-    frame = read_image(None, heic(DEEP, PICTURE[:32, :40], primary_index=1))
-    assert distance(frame.pixels, PICTURE[:32, :40]) < 2
+def test_of_several_images_the_primary_one_is_used() -> None:
+    frame = read_image(None, heic(DEEP, IMAGE[:32, :40], primary_index=1))
+    assert distance(frame.pixels, IMAGE[:32, :40]) < 2
     assert frame.warnings == ("has 2 images; only the primary one is used",)
 
 
-def test_thumbnails_are_no_other_pictures() -> None:
-    made_of = pillow_heif.from_bytes("RGB", (WIDTH, HEIGHT), PICTURE.tobytes())
+def test_thumbnails_are_no_other_images() -> None:
+    made_of = pillow_heif.from_bytes("RGB", (WIDTH, HEIGHT), IMAGE.tobytes())
     made_of.info["thumbnails"] = [32]
     file = io.BytesIO()
     made_of.save(file)
@@ -116,7 +116,7 @@ def test_high_dynamic_range_is_told(transfer: int, name: str) -> None:
 
 
 def test_content_counts_and_avif_is_not_heif() -> None:
-    heif = heic(PICTURE, chroma=420)
+    heif = heic(IMAGE, chroma=420)
     assert heif[8:12] == b"heic"
     assert is_heif(heif)
     for brand in (b"heix", b"hevc", b"mif1"):  # the last one is in the list as well
@@ -159,7 +159,7 @@ def test_without_pillow_heif_one_line_says_what_to_install() -> None:
 NAMES = ("a.heic", "A.HEIC", "a.heif", "a.HIF")
 
 
-def test_names_of_heif_are_those_of_pictures() -> None:
+def test_names_of_heif_are_those_of_images() -> None:
     assert all(map(is_image, NAMES))
     assert not is_image("heic")
 

@@ -53,7 +53,7 @@ def test_colours_keep_their_ratio_and_what_is_above_white_is_told() -> None:
     assert str(brightest) in warning
 
 
-def test_pictures_of_other_types_stay_as_they_are() -> None:
+def test_images_of_other_types_stay_as_they_are() -> None:
     shades, light = (COLOURS % 256).astype(np.uint8), (COLOURS / 4095).astype(np.float32)
     for data in (encoded(".png", shades), encoded(".tiff", light)):
         frame = read_image(None, data, white_level=100)

@@ -12,7 +12,7 @@ import OpenEXR
 import pytest
 
 import depthcli
-from depthcli.cli.screen.results import picture_json, picture_text
+from depthcli.cli.screen.results import image_json, image_text
 from depthcli.core.camera import CameraSource, Intrinsics
 from depthcli.core.options import DepthEncoding, DepthFit
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance, with_camera
@@ -67,8 +67,8 @@ def test_a_file_says_which_camera(
 @pytest.mark.parametrize("source", WORDS)
 def test_predict_says_which_camera(source: CameraSource | None) -> None:
     done = PredictResult("a.jpg", ("a.png",), seen_by(source), "cpu", 0.1, ())
-    assert picture_text(done).endswith(f"max 1.000 m  camera: {WORDS[source]}")
-    facts = json.loads(json.dumps(picture_json(done)))
+    assert image_text(done).endswith(f"max 1.000 m  camera: {WORDS[source]}")
+    facts = json.loads(json.dumps(image_json(done)))
     assert (facts["focal_px"], facts["camera_source"]) == (2, source)
     assert facts["camera"] == WORDS[source]
 

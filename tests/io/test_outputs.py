@@ -12,7 +12,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from helpers.file_trees import names
-from helpers.tiny import write_picture
+from helpers.tiny import write_image
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -27,16 +27,16 @@ from depthcli.io.guard import Guard, is_own_image
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.jobs.output_names import OutputNames
 from depthcli.jobs.outputs import OutputPlan, plan_outputs
-from depthcli.jobs.predict import picture_destination
+from depthcli.jobs.predict import image_destination
 
 
 def planned(sources: Sequence[Path | None], out: str | None) -> list[OutputPlan[Format]]:
     """Outputs in 16-bit PNG."""
-    return plan_outputs(sources, picture_destination(out, (Format.PNG16,)))
+    return plan_outputs(sources, image_destination(out, (Format.PNG16,)))
 
 
 def test_an_input_is_not_replaced_under_another_name(tmp_path: Path) -> None:
-    one, other = write_picture(tmp_path / "a.png"), tmp_path / "b.png"
+    one, other = write_image(tmp_path / "a.png"), tmp_path / "b.png"
     other.hardlink_to(one)
     with pytest.raises(OutputError):
         Guard.of([one], overwrite=True).check(other)
@@ -82,11 +82,11 @@ def test_a_folder_without_a_name_gets_no_outputs() -> None:
     assert [len(plan.outputs) for plan in plans] == [0, 0, 1]
 
 
-def test_own_pictures_are_known_by_their_content(tmp_path: Path) -> None:
+def test_own_images_are_known_by_their_content(tmp_path: Path) -> None:
     depth = DepthMap(np.ones((2, 3), np.float32), DepthKind.METRIC)
     Png16Writer().write(depth, tmp_path / "a.png")
     PreviewWriter().write(depth, tmp_path / "b.preview.png")
-    write_picture(tmp_path / "c.depth.png")
+    write_image(tmp_path / "c.depth.png")
     (tmp_path / "d.png").write_bytes(b"")
     ExrWriter().write(depth, tmp_path / "e.exr")
     OpenEXR.File({}, {"Z": depth.values}).write(str(tmp_path / "f.depth.exr"))

@@ -211,7 +211,7 @@ PIXELS = np.arange(200, 224, dtype=np.uint8).reshape(2, 3, 4)
 
 
 @pytest.mark.parametrize(
-    ("picture", "expected"),
+    ("image", "expected"),
     [
         (PIXELS[..., 0], PIXELS[..., 0]),
         (PIXELS[..., :1], PIXELS[..., 0]),
@@ -222,8 +222,8 @@ PIXELS = np.arange(200, 224, dtype=np.uint8).reshape(2, 3, 4)
         (PIXELS[:, ::-1, :3], PIXELS[:, ::-1, :3]),
     ],
 )
-def test_arrays_as_pictures(picture: np.ndarray, expected: np.ndarray) -> None:
-    frame = frame_of(picture)
+def test_arrays_as_images(image: np.ndarray, expected: np.ndarray) -> None:
+    frame = frame_of(image)
     np.testing.assert_array_equal(frame.pixels, expected)
     assert frame.pixels.dtype.isnative
     assert not np.shares_memory(frame.pixels, PIXELS)
@@ -231,7 +231,7 @@ def test_arrays_as_pictures(picture: np.ndarray, expected: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("mode", ["1", "L", "LA", "P", "RGB", "RGBA", "CMYK", "I;16"])
-def test_pil_pictures(mode: str, tmp_path: Path) -> None:
+def test_pil_images(mode: str, tmp_path: Path) -> None:
     gray = Image.fromarray(PIXELS[..., 0] * 9)
     image = gray.convert("I").convert(mode) if mode == "I;16" else gray.convert(mode)
     frame = frame_of(image)

@@ -88,7 +88,7 @@ def test_bytes_do_not_depend_on_the_number_of_workers() -> None:
 
 
 @pytest.mark.parametrize("shape", [(0, 3), (3, 0), (0, 0, 3)])
-def test_nothing_is_no_picture(shape: tuple[int, ...]) -> None:
+def test_nothing_is_no_image(shape: tuple[int, ...]) -> None:
     with pytest.raises(OutputError):
         png_encode.encode_png(np.zeros(shape, np.uint8))
 

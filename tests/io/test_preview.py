@@ -91,8 +91,8 @@ def test_the_legend_says_what_the_colours_mean(kind: DepthKind, near: float, far
 @pytest.mark.parametrize("height", [1, 10, 30, 480, 3000])
 def test_the_legend_is_a_bar_with_near_at_the_top(height: int) -> None:
     colours = colour_table(Colormap.GRAY)
-    picture = np.zeros((height, 10, 3), np.uint8)
-    image = with_legend(picture, colours, 1, 9, DepthKind.METRIC)
+    black = np.zeros((height, 10, 3), np.uint8)
+    image = with_legend(black, colours, 1, 9, DepthKind.METRIC)
     assert (image[:, :10] == 0).all()
     size = min(max(height / 480, 0.9), 4)
     top = min(round(16 * size), height // 4)
@@ -102,7 +102,7 @@ def test_the_legend_is_a_bar_with_near_at_the_top(height: int) -> None:
         assert (np.diff(bar) <= 0).all()
 
 
-def test_side_by_side_has_the_picture_at_the_left(tmp_path: Path) -> None:
+def test_side_by_side_has_the_image_at_the_left(tmp_path: Path) -> None:
     deep = np.random.default_rng(0).integers(0, 65536, (60, 80), np.uint16)
     writer = PreviewWriter(side_by_side=True)
     writer.write(DepthMap(RAMP_M), tmp_path / "a.png", Frame(deep))

@@ -15,7 +15,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from helpers import made
-from helpers.bad_pictures import HEIGHT, JPEGS, PIXELS, WIDTH, encoded
+from helpers.bad_images import HEIGHT, JPEGS, PIXELS, WIDTH, encoded
 from helpers.command_line import ROOT
 from helpers.heifs import heic
 from PIL import Image

@@ -1,4 +1,4 @@
-"""A batch whose pictures have the cameras of a table."""
+"""A batch whose images have the cameras of a table."""
 
 import json
 from dataclasses import replace
@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.batches import outputs, pictures, request
-from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.batches import images, outputs, request
+from helpers.tiny import synthetic_image, write_image, write_model
 from helpers.videos import flat_frames, write_video
 
 from depthcli.core.camera import Intrinsics
@@ -47,8 +47,8 @@ def focal_px(path: Path) -> float:
 
 
 @pytest.mark.parametrize("batch_size", [1, 3])
-def test_each_picture_has_its_own_camera(tmp_path: Path, batch_size: int) -> None:
-    pictures(tmp_path)
+def test_each_image_has_its_own_camera(tmp_path: Path, batch_size: int) -> None:
+    images(tmp_path)
     table = "id,focal_px,hfov_deg,cx,cy\na,40,,3.5,-2\nhall/b.png,,90,,\nz,,,12,10\n"
     options = BatchOptions(
         (Format.NPY, Format.PNG16, Format.EXR, Format.PLY, Format.JSON),
@@ -94,8 +94,8 @@ def test_each_picture_has_its_own_camera(tmp_path: Path, batch_size: int) -> Non
         (TABLE + "z,50\n", {"z.png"}),
     ],
 )
-def test_a_picture_of_a_new_row_is_done_again(tmp_path: Path, table: str, redone: set[str]) -> None:
-    pictures(tmp_path)
+def test_an_image_of_a_new_row_is_done_again(tmp_path: Path, table: str, redone: set[str]) -> None:
+    images(tmp_path)
     assert not any(kept(with_table(tmp_path)).values())
     would = dry_run(with_table(tmp_path, table), request(tmp_path).model.load())
     assert {one.input for one in would if one.would == "do"} == redone
@@ -103,20 +103,20 @@ def test_a_picture_of_a_new_row_is_done_again(tmp_path: Path, table: str, redone
     assert all(kept(with_table(tmp_path, table)).values())
 
 
-def test_pictures_without_a_row_are_those_of_a_batch_without_a_table(tmp_path: Path) -> None:
-    pictures(tmp_path)
+def test_images_without_a_row_are_those_of_a_batch_without_a_table(tmp_path: Path) -> None:
+    images(tmp_path)
     list(Batch(request(tmp_path)))
     assert kept(with_table(tmp_path)) == {"a.png": False, "z.png": True, "hall/b.png": False}
 
 
-def test_a_table_of_other_pictures_is_refused(tmp_path: Path) -> None:
-    pictures(tmp_path)
+def test_a_table_of_other_images_is_refused(tmp_path: Path) -> None:
+    images(tmp_path)
     with pytest.raises(UsageError):
         with_table(tmp_path, "id,focal_px\nrgb/a,30\n")
 
 
 def test_full_name_in_table_precedes_name_without_suffix(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     (tmp_path / "in/a.jpg").write_bytes((tmp_path / "in/a.png").read_bytes())
     plan = with_table(tmp_path, "id,focal_px\na,30\na.png,40\n").plan
     assert {name: lens.focal_px for name, lens in plan.intrinsics.items()} == {
@@ -126,7 +126,7 @@ def test_full_name_in_table_precedes_name_without_suffix(tmp_path: Path) -> None
 
 
 def test_rows_of_other_shards_match(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     with_table(tmp_path, TABLE + "z,30\n")
     lenses: dict[str, object] = {}
     for number in (1, 2):
@@ -140,7 +140,7 @@ def test_rows_of_other_shards_match(tmp_path: Path) -> None:
 
 
 def test_a_list_has_them_too(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     cameras = with_table(tmp_path) and read_cameras(str(tmp_path / "cameras.csv"))
     words = (["a.png", "hall/b.png", "a.png"], "list", str(tmp_path / "in"), str(tmp_path / "out"))
     plan = plan_files(*words, cameras=cameras)
@@ -160,7 +160,7 @@ def test_a_video_has_its_own_camera(tmp_path: Path) -> None:
 
 
 def test_a_model_without_a_camera_uses_them_for_point_clouds_alone(tmp_path: Path) -> None:
-    write_picture(tmp_path / "in/a.png", synthetic_picture(24, 32))
+    write_image(tmp_path / "in/a.png", synthetic_image(24, 32))
     plain = SessionLoader(write_model(tmp_path / "plain"), "cpu")
     batch = Batch(replace(with_table(tmp_path), model=plain))
     (warning,) = (text for text in batch.warnings if "does not scale depth" in text)
@@ -207,10 +207,10 @@ def test_names_of_any_bytes_match(tmp_path: Path) -> None:
     assert lens.focal_px == 40
 
 
-def test_known_depth_of_each_picture_is_seen_by_its_own_camera(tmp_path: Path) -> None:
+def test_known_depth_of_each_image_is_seen_by_its_own_camera(tmp_path: Path) -> None:
     """Clouds and distances along the ray, as of a lidar among several cameras."""
     trimesh = pytest.importorskip("trimesh")
-    pictures(tmp_path)
+    images(tmp_path)
     (tmp_path / "known" / "hall").mkdir(parents=True)
     cloud = trimesh.PointCloud([[0.5, 0, 2.0]])
     for name in ("a", "hall/b"):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.batches import NAMES, outputs, pictures, request
+from helpers.batches import NAMES, images, outputs, request
 from helpers.command_line import Cli
 from helpers.requests import predict_request, video_request
 from helpers.tiny import write_model
@@ -39,7 +39,7 @@ from depthcli.video.formats import VideoFormat
 def test_a_library_s_batch_prints_nothing_and_gives_what_the_shell_gives(
     cli: Cli, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    pictures(cli.folder)
+    images(cli.folder)
     (cli.folder / "in" / "bad.png").write_bytes(b"")
     write_mp4(cli.folder / "in" / "clip.mp4", [np.full((48, 64, 3), 90, np.uint8)] * 2)
     batch = Batch(request(cli.folder))
@@ -61,7 +61,7 @@ def test_a_library_s_batch_prints_nothing_and_gives_what_the_shell_gives(
 
 
 def test_a_batch_that_is_left_goes_on(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     with closing(Batch(request(tmp_path))) as batch:
         first = next(batch)
     told = {first.row.input, *(result.row.input for result in batch.late)}
@@ -107,7 +107,7 @@ class LastFirst:
         ("cuda", None, [GPU_BATCH, 1]),
     ],
 )
-def test_pictures_at_once_are_one_or_several_on_a_gpu_or_as_many_as_asked(
+def test_images_at_once_are_one_or_several_on_a_gpu_or_as_many_as_asked(
     tmp_path: Path, provider: str, asked: int | None, sizes: list[int]
 ) -> None:
     found: list[int] = []
@@ -122,7 +122,7 @@ def test_pictures_at_once_are_one_or_several_on_a_gpu_or_as_many_as_asked(
 
     (tmp_path / "in").mkdir()
     for number in range(GPU_BATCH + 1):
-        (tmp_path / "in" / f"{number}.png").write_bytes(b"no picture")
+        (tmp_path / "in" / f"{number}.png").write_bytes(b"no image")
     job = replace(request(tmp_path), batch_size=asked)
     session = job.model.load()
     session.provider = provider
@@ -131,7 +131,7 @@ def test_pictures_at_once_are_one_or_several_on_a_gpu_or_as_many_as_asked(
 
 
 def test_recorded_results_are_in_the_manifest_after_close(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     with closing(Batch(request(tmp_path), engine=LastFirst())) as batch:
         assert next(batch).row.input == NAMES[0]
     late = [(result.row.input, result.row.status) for result in batch.late]
@@ -142,13 +142,13 @@ def test_recorded_results_are_in_the_manifest_after_close(tmp_path: Path) -> Non
 
 
 def test_outputs_do_not_go_behind_http(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     with pytest.raises(UsageError):
         plan_folder(str(tmp_path / "in"), "https://host/out")
 
 
 def test_excluded_folder_is_not_listed(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     for name in ("notes.txt", "hall/notes.txt", "thumbs/notes.txt"):
         (tmp_path / "in" / name).parent.mkdir(exist_ok=True)
         (tmp_path / "in" / name).touch()
@@ -158,7 +158,7 @@ def test_excluded_folder_is_not_listed(tmp_path: Path) -> None:
 
 
 def test_a_folder_and_its_outputs_may_be_file_uris_or_paths(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     uris = ((tmp_path / name).as_uri() for name in ("in", "out"))
     plan = plan_folder(*uris)
     assert (plan.out, plan.inputs) == (tmp_path / "out", request(tmp_path).plan.inputs)
@@ -182,7 +182,7 @@ DETAIL = UpsamplingOptions(Upsampling.BILINEAR)
 
 @pytest.mark.parametrize("camera", [Intrinsics(hfov_deg=80.0), Intrinsics(focal_px=40.0)])
 def test_a_file_in_a_batch_becomes_what_it_is_alone(tmp_path: Path, camera: Intrinsics) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     clip = with_sound(tmp_path / "in" / "clip.mkv", seconds=0.12)
     formats = (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON)
     asked = request(
@@ -190,9 +190,9 @@ def test_a_file_in_a_batch_becomes_what_it_is_alone(tmp_path: Path, camera: Intr
     )
     results = {result.row.input: result.row for result in Batch(asked)}
     alone, loader = f"{tmp_path}/alone/", asked.model
-    picture = str(tmp_path / "in" / "a.png")
+    image = str(tmp_path / "in" / "a.png")
     words = {"model": loader, "camera": camera, "writing": WRITING, "detail": DETAIL}
-    list(predict(predict_request([picture], alone, formats, **words)))
+    list(predict(predict_request([image], alone, formats, **words)))
     settings = VideoSettings(writing=WRITING, camera=camera, detail=DETAIL)
     of_video = (VideoFormat.MKV, VideoFormat.EXR, VideoFormat.MP4, VideoFormat.JSON)
     done = video(video_request(clip, alone, of_video, model=loader, settings=settings))
@@ -204,7 +204,7 @@ def test_a_file_in_a_batch_becomes_what_it_is_alone(tmp_path: Path, camera: Intr
 
 
 def test_pixel_limit_holds_in_dry_run_and_batch(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     write_mp4(tmp_path / "in" / "clip.mp4", flat_frames([9, 99]))
     asked = request(tmp_path, options=BatchOptions(max_pixels=24 * 32))
     would = {one.input: one.error for one in dry_run(asked, asked.model.load())}
@@ -215,7 +215,7 @@ def test_pixel_limit_holds_in_dry_run_and_batch(tmp_path: Path) -> None:
 
 
 def test_session_warning_is_printed_once_a_batch(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     (tmp_path / "in" / "a.cr2").touch()
     asked = request(tmp_path)
     session = asked.model.load()

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from helpers.batches import kept, outputs, request
 from helpers.command_line import Cli
-from helpers.tiny import endless_onnx, synthetic_picture, write_model, write_picture
+from helpers.tiny import endless_onnx, synthetic_image, write_image, write_model
 
 from depthcli.errors import EngineError, ModelError
 from depthcli.inference.loading import SessionLoader
@@ -24,11 +24,11 @@ MANY = 200
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A folder with many pictures ``in`` it."""
-    first = write_picture(tmp_path / "in" / "000.png", synthetic_picture(24, 32)).read_bytes()
+    """A folder with many images ``in`` it."""
+    first = write_image(tmp_path / "in" / "000.png", synthetic_image(24, 32)).read_bytes()
     for number in range(1, MANY):
         (tmp_path / "in" / f"{number:03}.png").write_bytes(first)
-    (tmp_path / "in" / "100.png").write_bytes(b"no picture")
+    (tmp_path / "in" / "100.png").write_bytes(b"no image")
     return tmp_path
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.batches import outputs, request
-from helpers.tiny import synthetic_picture, write_picture
+from helpers.tiny import synthetic_image, write_image
 from helpers.videos import write_mp4
 
 from depthcli.core.camera import Intrinsics
@@ -52,17 +52,17 @@ def engine(cluster: str) -> Iterator[RayEngine]:
 
 
 def inputs(folder: Path) -> None:
-    """Pictures, no two alike, one of them broken, and a video."""
+    """Images, no two alike, one of them broken, and a video."""
     for number in range(COUNT):
-        write_picture(
-            folder / "in" / str(number % 2) / f"{number:02}.png", synthetic_picture(24, 32 + number)
+        write_image(
+            folder / "in" / str(number % 2) / f"{number:02}.png", synthetic_image(24, 32 + number)
         )
     (folder / "in" / "bad.png").write_bytes(b"")
     write_mp4(folder / "in" / "clip.mp4", [np.full((48, 64, 3), 9 * n, np.uint8) for n in range(3)])
 
 
 def worker_pids() -> list[int]:
-    """Processes of this process's cluster that do pictures."""
+    """Processes of this process's cluster that do images."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -77,7 +77,7 @@ def worker_pids() -> list[int]:
 
 
 def with_a_camera(folder: Path, out: str = "out") -> BatchRequest:
-    """A batch whose first picture has a camera of its own."""
+    """A batch whose first image has a camera of its own."""
     table = CameraTable({"0/00": Intrinsics(40.0)})
     plan = plan_folder(str(folder / "in"), str(folder / out), cameras=table)
     return replace(request(folder, out), plan=plan)

@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from helpers.batches import NAMES, kept, outputs, pictures, request
-from helpers.tiny import prompted_onnx, synthetic_picture, write_model, write_picture
+from helpers.batches import NAMES, images, kept, outputs, request
+from helpers.tiny import prompted_onnx, synthetic_image, write_image, write_model
 from helpers.videos import flat_frames, write_video
 
 from depthcli import __version__
@@ -43,7 +43,7 @@ ALL = dict.fromkeys(NAMES, True)
 
 
 def test_valid_outputs_are_kept(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     assert kept(tmp_path) == dict.fromkeys(NAMES, False)
     written = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*.png")}
     one_by_three = replace(request(tmp_path), workers=1, batch_size=3)
@@ -65,7 +65,7 @@ def test_valid_outputs_are_kept(tmp_path: Path) -> None:
     ],
 )
 def test_a_changed_option_is_done_again(tmp_path: Path, options: BatchOptions) -> None:
-    write_picture(tmp_path / "in" / "a.png")
+    write_image(tmp_path / "in" / "a.png")
     assert kept(tmp_path) == {"a.png": False}
     assert kept(tmp_path, options=options) == {"a.png": False}
     assert kept(tmp_path, options=options) == {"a.png": True}
@@ -75,7 +75,7 @@ def test_a_changed_option_is_done_again(tmp_path: Path, options: BatchOptions) -
 
 
 def test_a_changed_input_is_done_again(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     kept(tmp_path)
     old = outputs(tmp_path / "out")
     (tmp_path / "in" / "z.png").replace(tmp_path / "in" / "a.png")
@@ -87,7 +87,7 @@ def test_a_changed_input_is_done_again(tmp_path: Path) -> None:
 def test_what_another_version_made_or_failed_is_made_again(
     now: str, then: str, tmp_path: Path
 ) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     kept(tmp_path)
     manifest = tmp_path / "out" / "manifest.jsonl"
     manifest.write_text(manifest.read_text().replace(now, then))
@@ -97,7 +97,7 @@ def test_what_another_version_made_or_failed_is_made_again(
 def test_another_network_for_known_depth_does_again_what_it_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_picture(tmp_path / "in" / "a.png")
+    write_image(tmp_path / "in" / "a.png")
     models = tmp_path / "models"
     write_model(models / "default", camera={"hfov_deg": 60.0})
     monkeypatch.setenv("DEPTHCLI_MODELS", str(models))
@@ -120,7 +120,7 @@ def test_another_network_for_known_depth_does_again_what_it_made(
 
 @pytest.mark.parametrize("damage", ["missing", "changed", "cut"])
 def test_a_damaged_output_is_made_again(tmp_path: Path, damage: str) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     kept(tmp_path)
     good = outputs(tmp_path / "out")
     path = tmp_path / "out" / "a.depth.png"
@@ -133,8 +133,8 @@ def test_a_damaged_output_is_made_again(tmp_path: Path, damage: str) -> None:
 
 
 def test_a_sensor_s_depth_is_not_replaced(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    sensor = write_picture(tmp_path / "out" / "a.depth.png")
+    images(tmp_path)
+    sensor = write_image(tmp_path / "out" / "a.depth.png")
     before = sensor.read_bytes()
     rows = [result.row for result in Batch(request(tmp_path))]
     (problem,) = [row.error for row in rows if row.error]
@@ -148,7 +148,7 @@ def test_a_sensor_s_depth_is_not_replaced(tmp_path: Path) -> None:
 
 
 def test_failed_inputs_are_tried_again(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     path = tmp_path / "in" / "z.png"
     good = path.read_bytes()
     path.write_bytes(good[:50])
@@ -162,7 +162,7 @@ def test_failed_inputs_are_tried_again(tmp_path: Path) -> None:
 
 
 def test_a_batch_of_some_files_forgets_no_other(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     (tmp_path / "in" / "d.jpg").touch()
     kept(tmp_path)
     some = plan_files(["z.png"], "mine", str(tmp_path / "in"), str(tmp_path / "out"))
@@ -173,9 +173,9 @@ def test_a_batch_of_some_files_forgets_no_other(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("is_part", [True, False])
 def test_failed_rows_of_files_left_out_stay(tmp_path: Path, is_part: bool) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     bad = tmp_path / "in" / "bad.png"
-    bad.write_bytes(b"no picture")
+    bad.write_bytes(b"no image")
     list(Batch(request(tmp_path)))
     bad.unlink()
     again = request(tmp_path)
@@ -189,7 +189,7 @@ def test_failed_rows_of_files_left_out_stay(tmp_path: Path, is_part: bool) -> No
 
 
 def test_a_row_whose_output_is_another_input_s_now_is_dropped(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     list(Batch(request(tmp_path)))
     (tmp_path / "in/a.png").rename(tmp_path / "in/a.jpg")
     (tmp_path / "in/z.png").unlink()
@@ -199,7 +199,7 @@ def test_a_row_whose_output_is_another_input_s_now_is_dropped(tmp_path: Path) ->
 
 
 def test_rows_that_are_not_ours_are_passed_over(tmp_path: Path) -> None:
-    write_picture(tmp_path / "in" / "a.png", synthetic_picture(24, 32))
+    write_image(tmp_path / "in" / "a.png", synthetic_image(24, 32))
     (tmp_path / "out").mkdir()
     strange = b'{"input": 3}\n[]\nno json\n\xff\xfe\n'
     (tmp_path / "out" / "manifest.jsonl").write_bytes(strange)
@@ -214,7 +214,7 @@ def test_rows_that_are_not_ours_are_passed_over(tmp_path: Path) -> None:
 
 def test_a_video_whose_name_is_no_longer_shared_is_done_again(tmp_path: Path) -> None:
     write_video(tmp_path / "in" / "a.mp4", flat_frames(range(3)))
-    sibling = write_picture(tmp_path / "in" / "a.jpg")
+    sibling = write_image(tmp_path / "in" / "a.jpg")
     assert kept(tmp_path) == {"a.jpg": False, "a.mp4": False}
     assert (tmp_path / "out" / "a.mp4.depth.mkv").is_file()
     sibling.unlink()
@@ -230,7 +230,7 @@ def test_a_video_whose_name_is_no_longer_shared_is_done_again(tmp_path: Path) ->
 
 
 def test_resume_ignores_options_without_effect_on_output(tmp_path: Path) -> None:
-    write_picture(tmp_path / "in" / "a.png")
+    write_image(tmp_path / "in" / "a.png")
     write_video(tmp_path / "in" / "b.mp4", flat_frames(range(3)))
     asked = BatchOptions((Format.PNG16, Format.EXR))
     assert kept(tmp_path, options=asked) == {"a.png": False, "b.mp4": False}
@@ -241,8 +241,8 @@ def test_resume_ignores_options_without_effect_on_output(tmp_path: Path) -> None
     assert all(result.is_kept for result in Batch(auto))
 
 
-def test_a_picture_that_is_named_like_a_frame_is_not_done_again(tmp_path: Path) -> None:
-    write_picture(tmp_path / "in" / "shot.depth.000123.jpg")
+def test_an_image_that_is_named_like_a_frame_is_not_done_again(tmp_path: Path) -> None:
+    write_image(tmp_path / "in" / "shot.depth.000123.jpg")
     asked = BatchOptions((Format.PLY, Format.JSON))
     for is_kept in (False, True):
         assert kept(tmp_path, options=asked) == {"shot.depth.000123.jpg": is_kept}
@@ -255,7 +255,7 @@ def request_of(folder: Path, inputs: str) -> BatchRequest:
 
 def made_from_in(folder: Path) -> dict[str, bytes]:
     """The outputs for the folder ``in``."""
-    write_picture(folder / "in" / "a.png", synthetic_picture(24, 32))
+    write_image(folder / "in" / "a.png", synthetic_image(24, 32))
     list(Batch(request(folder)))
     return outputs(folder / "out")
 
@@ -263,7 +263,7 @@ def made_from_in(folder: Path) -> dict[str, bytes]:
 @pytest.mark.parametrize("formats", [("png16",), ("png16", "preview"), ("npy",)])
 def test_input_of_another_folder_stops_the_batch(tmp_path: Path, formats: tuple[str, ...]) -> None:
     before = made_from_in(tmp_path)
-    other = write_picture(tmp_path / "other" / "a.png", synthetic_picture(24, 40))
+    other = write_image(tmp_path / "other" / "a.png", synthetic_image(24, 40))
     options = BatchOptions(tuple(map(Format, formats)))
     asked = replace(request_of(tmp_path, "other"), options=options)
     with pytest.raises(UsageError):
@@ -279,7 +279,7 @@ def test_input_of_another_folder_stops_the_batch(tmp_path: Path, formats: tuple[
 
 def test_the_manifest_has_the_full_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    write_picture(tmp_path / "in" / "a.png")
+    write_image(tmp_path / "in" / "a.png")
     (tmp_path / "in" / "b.png").touch()
     plan = plan_folder("in", "out")
     list(Batch(replace(request(tmp_path), plan=plan)))
@@ -295,7 +295,7 @@ def test_a_copy_of_the_folder_resumes(tmp_path: Path) -> None:
 
 def test_a_folder_that_is_gone_is_no_reason(tmp_path: Path) -> None:
     before = made_from_in(tmp_path)
-    write_picture(tmp_path / "other" / "a.png", synthetic_picture(24, 40))
+    write_image(tmp_path / "other" / "a.png", synthetic_image(24, 40))
     asked = request_of(tmp_path, "other")
     shutil.rmtree(tmp_path / "in")
     (result,) = Batch(asked)
@@ -306,7 +306,7 @@ def test_a_folder_that_is_gone_is_no_reason(tmp_path: Path) -> None:
 def test_neither_is_a_link_to_the_folder(tmp_path: Path) -> None:
     made_from_in(tmp_path)
     (tmp_path / "link").symlink_to("in")
-    write_picture(tmp_path / "in" / "a.png", synthetic_picture(24, 40))
+    write_image(tmp_path / "in" / "a.png", synthetic_image(24, 40))
     (result,) = Batch(request_of(tmp_path, "link"))
     assert (result.is_kept, result.row.error) == (False, None)
 

@@ -11,10 +11,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from helpers.batches import NAMES, kept, outputs, pictures, request
+from helpers.batches import NAMES, images, kept, outputs, request
 from helpers.command_line import Cli
 from helpers.folders import rows
-from helpers.tiny import synthetic_picture, write_picture
+from helpers.tiny import synthetic_image, write_image
 
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format
@@ -37,9 +37,9 @@ def files(folder: Path) -> set[str]:
 
 
 def test_shards_at_the_same_time_are_the_whole(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     for number in range(6):
-        write_picture(tmp_path / "in" / f"{number}.png", synthetic_picture(24, 40 + number))
+        write_image(tmp_path / "in" / f"{number}.png", synthetic_image(24, 40 + number))
     (tmp_path / "in" / "z.jpg").write_bytes((tmp_path / "in" / "z.png").read_bytes())
     batches = [Batch(shard_request(tmp_path, number + 1)) for number in range(COUNT)]
     results = [list(batch) for batch in batches]
@@ -62,7 +62,7 @@ def test_shards_at_the_same_time_are_the_whole(tmp_path: Path) -> None:
 
 
 def test_a_shard_and_a_whole_batch_keep_each_other_out(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     one, other = Batch(shard_request(tmp_path, 1)), Batch(shard_request(tmp_path, 2))
     for refused in (shard_request(tmp_path, 1), request(tmp_path)):
         with pytest.raises(UsageError):
@@ -76,7 +76,7 @@ def test_a_shard_and_a_whole_batch_keep_each_other_out(tmp_path: Path) -> None:
 
 
 def test_a_killed_shard_goes_on_and_touches_no_other_s_files(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     numbers = {name: n for n in (1, 2) for name in NAMES if Shard(n, 2).holds(name)}
     batch = Batch(shard_request(tmp_path, numbers["a.png"], count=2))
     assert {result.row.input for result in batch} == {n for n in NAMES if numbers[n] == 1}
@@ -102,19 +102,19 @@ def test_a_killed_shard_goes_on_and_touches_no_other_s_files(tmp_path: Path) -> 
 
 
 def test_a_shard_replaces_no_input_of_another(tmp_path: Path) -> None:
-    picture, its_output = "a.jpg", "a.depth.png"
-    numbers = [n for n in (1, 2, 3) if Shard(n, 3).holds(picture)]
+    image, its_output = "a.jpg", "a.depth.png"
+    numbers = [n for n in (1, 2, 3) if Shard(n, 3).holds(image)]
     assert not Shard(numbers[0], 3).holds(its_output)
-    for name in (picture, its_output):
-        write_picture(tmp_path / name)
+    for name in (image, its_output):
+        write_image(tmp_path / name)
     for shard in (Shard(), Shard(numbers[0], 3)):
-        plan = plan_files([picture, its_output], "mine", *[str(tmp_path)] * 2, shard=shard)
+        plan = plan_files([image, its_output], "mine", *[str(tmp_path)] * 2, shard=shard)
         with pytest.raises(UsageError):
             TaskBuilder(plan, (Format.PNG16,)).check_conflicts()
 
 
 def test_skipped_file_is_counted_by_one_shard(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     for number in range(9):
         (tmp_path / "in" / f"{number}.txt").touch()
     told = [shard_request(tmp_path, number + 1).plan.skipped for number in range(COUNT)]
@@ -124,13 +124,13 @@ def test_skipped_file_is_counted_by_one_shard(tmp_path: Path) -> None:
 
 
 def test_a_shard_without_inputs_is_done(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     empty = next(n for n in range(1, 9) if not any(map(Shard(n, 8).holds, NAMES)))
     assert list(Batch(shard_request(tmp_path, empty, count=8))) == []
 
 
 def png(seed: int) -> bytes:
-    return cv2.imencode(".png", synthetic_picture(24, 32 + seed))[1].tobytes()
+    return cv2.imencode(".png", synthetic_image(24, 32 + seed))[1].tobytes()
 
 
 def write_tar(path: Path, files: dict[str, bytes]) -> None:

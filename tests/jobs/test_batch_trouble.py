@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.batches import NAMES, kept, outputs, pictures, request
+from helpers.batches import NAMES, images, kept, outputs, request
 from helpers.command_line import Cli
 from helpers.requests import predict_request
-from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.tiny import synthetic_image, write_image, write_model
 from helpers.videos import flat_frames, write_video
 
 from depthcli.core.camera import CameraScale, Intrinsics
@@ -31,7 +31,7 @@ JOURNAL, MANIFEST = ".depthcli-batch.jsonl", "manifest.jsonl"
 
 
 def test_a_link_does_not_lead_the_journal_elsewhere(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     precious = tmp_path / "precious.txt"
     precious.write_text("mine")
     (tmp_path / "out").mkdir()
@@ -43,7 +43,7 @@ def test_a_link_does_not_lead_the_journal_elsewhere(tmp_path: Path) -> None:
 
 def test_of_many_batches_that_begin_at_once_one_writes(tmp_path: Path) -> None:
     """The longer the manifest, the longer each looks at it."""
-    pictures(tmp_path)
+    images(tmp_path)
     kept(tmp_path)
     manifest = tmp_path / "out" / MANIFEST
     manifest.write_bytes(manifest.read_bytes() + b'{"input": 3}\n' * 20_000)
@@ -68,8 +68,8 @@ def test_of_many_batches_that_begin_at_once_one_writes(tmp_path: Path) -> None:
 
 
 def test_a_dry_run_finds_what_would_not_be_replaced(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    write_picture(tmp_path / "out" / "a.depth.png")
+    images(tmp_path)
+    write_image(tmp_path / "out" / "a.depth.png")
     asked = request(tmp_path)
     would = {one.input: one.error for one in dry_run(asked, asked.model.load())}
     became = {result.row.input: result.row.error for result in Batch(asked)}
@@ -78,7 +78,7 @@ def test_a_dry_run_finds_what_would_not_be_replaced(tmp_path: Path) -> None:
 
 
 def test_unreadable_folder_fails_with_its_reason(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     asked = request(tmp_path)
     closed = InputFile("hall", f"{tmp_path}/in/hall", "in/hall cannot be listed: closed")
     asked = replace(asked, plan=replace(asked.plan, inputs=(*asked.plan.inputs, closed)))
@@ -95,26 +95,26 @@ def test_a_folder_of_another_user_is_an_error_of_the_batch(
     def closed(path: str) -> Any:
         raise PermissionError(errno.EACCES, "Permission denied", path)
 
-    pictures(tmp_path)
+    images(tmp_path)
     monkeypatch.setattr(os, "scandir", closed)
     with pytest.raises(UsageError, match="Permission denied"):
         plan_folder(str(tmp_path / "in"), str(tmp_path / "out"))
 
 
-def test_a_picture_too_large_fails_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_image_too_large_fails_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def read(path: Path, *rest: Any, **options: Any) -> Any:
         if path.name == "z.png":
             raise MemoryError
         return read_image(path, *rest, **options)
 
     monkeypatch.setattr("depthcli.io.images.read.read_image", read)
-    pictures(tmp_path)
+    images(tmp_path)
     became = {result.row.input: result.row.error for result in Batch(request(tmp_path))}
     assert became == dict.fromkeys(NAMES) | {"z.png": "does not fit into memory; make it smaller"}
 
 
-def test_options_that_fit_no_picture_end_the_batch(tmp_path: Path) -> None:
-    pictures(tmp_path)
+def test_options_that_fit_no_image_end_the_batch(tmp_path: Path) -> None:
+    images(tmp_path)
     of_another_model = CameraScale("a", "other", "0" * 64, 2.0, 0.0, None, 1, 1)
     options = BatchOptions(camera=Intrinsics(scale=of_another_model))
     with pytest.raises(UsageError):
@@ -122,7 +122,7 @@ def test_options_that_fit_no_picture_end_the_batch(tmp_path: Path) -> None:
 
 
 def test_a_file_that_disappears_after_it_was_listed_stops_no_other(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     batch = Batch(request(tmp_path))
     (tmp_path / "in" / "z.png").unlink()
     seen = {result.row.input: result.row.error for result in batch}
@@ -134,9 +134,9 @@ AHEAD = 64  # inputs that a worker can be ahead of what is told
 
 
 def half_good(folder: Path) -> None:
-    """Good pictures before and after a stretch of empty files."""
+    """Good images before and after a stretch of empty files."""
     for number, name in enumerate((*GOOD, *LATE)):
-        write_picture(folder / "in" / f"{name}.png", synthetic_picture(24, 32 + number))
+        write_image(folder / "in" / f"{name}.png", synthetic_image(24, 32 + number))
     for number in range(BAD):
         (folder / "in" / f"m{number:03}.png").touch()
 
@@ -172,7 +172,7 @@ def test_the_first_failure_beyond_the_budget_stops(tmp_path: Path) -> None:
 
 def test_nothing_is_stopped_by_the_last_input(tmp_path: Path) -> None:
     for name in GOOD:
-        write_picture(tmp_path / "in" / f"{name}.png")
+        write_image(tmp_path / "in" / f"{name}.png")
     (tmp_path / "in" / "c.png").touch()
     batch = ended(tmp_path, 0)
     assert (batch.stopped, batch.tally.completed, len(batch.tally.failures)) == (None, 3, 1)
@@ -189,10 +189,10 @@ def test_the_command_says_why_it_stopped(inside: Cli) -> None:
 
 @pytest.fixture
 def pair(tmp_path: Path) -> tuple[Path, Path]:
-    """Two pictures, of which one lies where the other's depth goes."""
+    """Two images, of which one lies where the other's depth goes."""
     folder = tmp_path / "in" / "hall"
-    one = write_picture(folder / "a.png", synthetic_picture(24, 32))
-    return one, write_picture(folder / "a.depth.png", synthetic_picture(24, 33))
+    one = write_image(folder / "a.png", synthetic_image(24, 32))
+    return one, write_image(folder / "a.depth.png", synthetic_image(24, 33))
 
 
 def batch(plan: BatchPlan, folder: Path) -> BatchRequest:
@@ -258,8 +258,8 @@ def test_entries_of_a_list_that_are_one_are_told(tmp_path: Path, pair: tuple[Pat
 
 def test_two_files_with_one_name_are_refused(tmp_path: Path) -> None:
     """One outside the folder is named by all its folders, and there may be such ones inside."""
-    root, outside = tmp_path / "in", write_picture(tmp_path / "a.png")
-    inside = write_picture(root / str(outside).lstrip("/"), synthetic_picture(24, 40))
+    root, outside = tmp_path / "in", write_image(tmp_path / "a.png")
+    inside = write_image(root / str(outside).lstrip("/"), synthetic_image(24, 40))
     with pytest.raises(UsageError):
         plan_files([str(outside), str(inside)], "mine", str(root), str(tmp_path / "out"))
 
@@ -274,7 +274,7 @@ def test_an_output_of_an_earlier_input_is_not_replaced(tmp_path: Path, count: in
     shards = [Shard(number + 1, count) for number in range(count)]
     first, later = "hall/a.jpg", "hall/a.png"
     for name, width in ((first, 32), (later, 40)):
-        write_picture(tmp_path / "in" / name, synthetic_picture(24, width))
+        write_image(tmp_path / "in" / name, synthetic_image(24, width))
     before = {}
     for name, error in ((first, None), (later, str(tmp_path / "in" / first)), (first, None)):
         requests = [batch(listed(tmp_path, name, shard=s), tmp_path) for s in shards]
@@ -326,7 +326,7 @@ def test_shards_agree_on_names(tmp_path: Path, names: tuple[str, ...]) -> None:
 def test_absolute_paths_have_one_name_anywhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    paths = [write_picture(tmp_path / "in" / f"{name}.png") for name in "abcdef"]
+    paths = [write_image(tmp_path / "in" / f"{name}.png") for name in "abcdef"]
     words, found = [*map(str, paths)], list[str]()
     for number, folder in ((1, tmp_path), (2, tmp_path / "in")):
         monkeypatch.chdir(folder)

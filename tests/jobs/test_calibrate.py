@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from helpers.tiny import fixed_inside, load, synthetic_picture, write_model, write_picture
+from helpers.tiny import fixed_inside, load, synthetic_image, write_image, write_model
 
 import depthcli
 from depthcli.core.camera import CameraScale, Intrinsics, hfov_deg
@@ -41,8 +41,8 @@ def request(pipeline: Pipeline, folder: Path, truth: Truth, images: int = 4) -> 
     random, names = np.random.default_rng(0), []
     (folder / "known").mkdir()
     for i in range(images):
-        pixels = np.roll(synthetic_picture(), 7 * i, axis=1)
-        name = write_picture(folder / "images" / f"{i}.png", pixels)
+        pixels = np.roll(synthetic_image(), 7 * i, axis=1)
+        name = write_image(folder / "images" / f"{i}.png", pixels)
         predicted_m = pipeline.predict(read_image(name)).depth.values
         np.save(folder / "known" / f"{i}.npy", truth(predicted_m, random).astype(np.float32))
         names.append(str(name))
@@ -74,7 +74,7 @@ def test_uses_a_shift_if_it_helps_on_images_left_out(pipeline: Pipeline, tmp_pat
 
 
 def test_an_object_of_known_height_gives_its_depth(pipeline: Pipeline, tmp_path: Path) -> None:
-    name = write_picture(tmp_path / "a.png")
+    name = write_image(tmp_path / "a.png")
     known = KnownObject(10, 8, 30, 28, 1.5)
     camera = Intrinsics(focal_px=50, pixel_aspect=1.2)  # wide pixels: fy is 60
     done = calibrate(
@@ -88,7 +88,7 @@ def test_an_object_of_known_height_gives_its_depth(pipeline: Pipeline, tmp_path:
 def test_other_commands_use_the_kept_camera(inside: Cli) -> None:
     pairs = inside.folder / "pairs"
     for i in range(2):
-        write_picture(pairs / "rgb" / f"{i}.png", np.roll(synthetic_picture(), 5 * i, axis=1))
+        write_image(pairs / "rgb" / f"{i}.png", np.roll(synthetic_image(), 5 * i, axis=1))
         assert (
             inside("predict", f"pairs/rgb/{i}.png", "-o", f"{i}.npy", "--hfov", "70").returncode
             == 0
@@ -113,7 +113,7 @@ def test_other_commands_use_the_kept_camera(inside: Cli) -> None:
 def test_the_kept_camera_gives_the_points_of_its_calibration(inside: Cli) -> None:
     """Of an image that was resized, whose pixels are not square."""
     for name, size in (("a", (48, 64)), ("b", (96, 128))):
-        write_picture(inside.folder / f"{name}.png", synthetic_picture(*size))
+        write_image(inside.folder / f"{name}.png", synthetic_image(*size))
     matrix = {"fx": 50, "fy": 60, "cx": 20, "cy": 30, "width": 64, "height": 48}
     (inside.folder / "lens.json").write_text(json.dumps(matrix))
     given = ("--calibration", "lens.json")
@@ -149,7 +149,7 @@ def test_a_kept_camera_has_the_pixels_of_clouds_and_of_other_sizes(
 
 
 def test_a_scale_is_refused_by_another_model(inside: Cli, model_folder: Path) -> None:
-    write_picture(inside.folder / "a.png")
+    write_image(inside.folder / "a.png")
     inside("calibrate", "robot", "a.png", "--anchor", "3,4,2.5")
     assert inside("predict", "a.png", "--camera", "robot").returncode == 0
     assert inside("predict", "a.png", "--camera", "unknown").returncode == 2
@@ -159,7 +159,7 @@ def test_a_scale_is_refused_by_another_model(inside: Cli, model_folder: Path) ->
 
 def test_doubts_about_known_depth_are_told(pipeline: Pipeline, tmp_path: Path) -> None:
     """A map of KITTI, 256 units a metre, gave a scale that is four times too small."""
-    name = write_picture(tmp_path / "a.png")
+    name = write_image(tmp_path / "a.png")
     cv2.imwrite(str(tmp_path / "lidar.png"), np.full((48, 64), 256 * 5, np.uint16))
     for scale, count in ((None, 1), (256, 0)):
         known = KnownDepthFiles(str(tmp_path / "lidar.png"), scale)
@@ -168,7 +168,7 @@ def test_doubts_about_known_depth_are_told(pipeline: Pipeline, tmp_path: Path) -
 
 
 def test_needs_known_depth(pipeline: Pipeline, tmp_path: Path) -> None:
-    name = write_picture(tmp_path / "a.png")
+    name = write_image(tmp_path / "a.png")
     np.save(tmp_path / "a.npy", np.full((48, 64), np.nan, np.float32))
     known = KnownDepthFiles(str(tmp_path / "a.npy"))
     with pytest.raises(InputError):
@@ -177,7 +177,7 @@ def test_needs_known_depth(pipeline: Pipeline, tmp_path: Path) -> None:
 
 def test_pairs_are_images_and_depth_of_the_same_names(pipeline: Pipeline, tmp_path: Path) -> None:
     for name, factor in (("a", 1.25), ("hall/b", 1.25)):
-        image = write_picture(tmp_path / "rgb" / f"{name}.png", synthetic_picture())
+        image = write_image(tmp_path / "rgb" / f"{name}.png", synthetic_image())
         depth_m = factor * pipeline.predict(read_image(image)).depth.values
         (tmp_path / "depth" / name).parent.mkdir(parents=True, exist_ok=True)
         np.save(tmp_path / "depth" / f"{name}.npy", depth_m)

@@ -173,7 +173,7 @@ def write_frames(
     rate: Fraction = NTSC,
     *,
     step: int | None = None,
-    **picture: Any,
+    **image: Any,
 ) -> Path:
     """Frames at multiples of a frame's duration, numbered from 1001 by these or by a step.
 
@@ -189,7 +189,7 @@ def write_frames(
             time_s = float(place / rate)
             number = 1001 + (round(place) if step is None else count * step)
             frame = Frame(
-                pixels, index=number, timestamp_s=time_s, rate=rate, time_code=START, **picture
+                pixels, index=number, timestamp_s=time_s, rate=rate, time_code=START, **image
             )
             steps = noise.integers(1, 3000, SIZE)
             steps[1] = 1000 + count
@@ -258,7 +258,7 @@ def test_frames_before_a_damaged_one_are_written(tmp_path: Path) -> None:
     [
         {"source": "d.png"},
         {"stated": DepthReadOptions(frame=1)},
-        {"picture": "a.jpg"},
+        {"image": "a.jpg"},
         {"target": "a.#.mkv"},
     ],
 )

@@ -109,7 +109,7 @@ def test_the_decoder_of_heic_is_named_or_broken(monkeypatch: pytest.MonkeyPatch)
     pytest.importorskip("pillow_heif", reason="HEIC needs pillow-heif")
     assert by_name(check_installation())["codec .heic"].detail.startswith("pillow_heif 1.")
     monkeypatch.setitem(sys.modules, "pillow_heif", None)
-    assert by_name(check_installation())["extras for pictures"].status == "failed"
+    assert by_name(check_installation())["extras for images"].status == "failed"
 
 
 def seem_installed(folder: Path, monkeypatch: pytest.MonkeyPatch, *names: str, file: str) -> None:

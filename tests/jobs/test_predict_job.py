@@ -1,4 +1,4 @@
-"""Pictures predicted by the job itself, as a program calls it."""
+"""Images predicted by the job itself, as a program calls it."""
 
 import errno
 import subprocess
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.command_line import unmeasured
 from helpers.requests import predict_request
-from helpers.tiny import write_model, write_picture
+from helpers.tiny import write_image, write_model
 
 from depthcli.core.camera import Anchor
 from depthcli.core.types import DepthMap, Frame
@@ -26,29 +26,29 @@ from depthcli.jobs.image import FailedInput, write_output
 from depthcli.jobs.predict import PredictRequest, predict
 
 
-def test_every_picture_has_its_result_in_its_turn(
+def test_every_image_has_its_result_in_its_turn(
     tmp_path: Path, loader: SessionLoader, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    names = [str(write_picture(tmp_path / name)) for name in ("a.png", "b.png")]
+    names = [str(write_image(tmp_path / name)) for name in ("a.png", "b.png")]
     damaged = tmp_path / "damaged.png"
-    damaged.write_bytes(b"no picture")
-    pictures = (names[0], str(damaged), "", names[1])
-    results = predict(predict_request(pictures, None, (Format.NPY,), model=loader))
+    damaged.write_bytes(b"no image")
+    images = (names[0], str(damaged), "", names[1])
+    results = predict(predict_request(images, None, (Format.NPY,), model=loader))
     first = next(results)
     assert first.outputs == (str(tmp_path / "a.depth.npy"),)
     assert (first.provider, first.warnings) == ("cpu", ())
     assert not (tmp_path / "b.depth.npy").exists()
     *failed, last = results
     assert all(isinstance(one, FailedInput) and isinstance(one.error, InputError) for one in failed)
-    assert [one.name for one in (*failed, last)] == list(pictures[1:])
+    assert [one.name for one in (*failed, last)] == list(images[1:])
     np.testing.assert_array_equal(
         read_stored_depth(tmp_path / "b.depth.npy").displayed, first.depth
     )
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_picture_is_out_when_its_result_is_there(tmp_path: Path, loader: SessionLoader) -> None:
-    name = str(write_picture(tmp_path / "a.png"))
+def test_an_image_is_out_when_its_result_is_there(tmp_path: Path, loader: SessionLoader) -> None:
+    name = str(write_image(tmp_path / "a.png"))
     passed = BytesIO()
     stream = BufferedWriter(passed, 1_000_000)
     next(predict(predict_request([name], "-", model=loader, stdout=stream)))
@@ -56,7 +56,7 @@ def test_a_picture_is_out_when_its_result_is_there(tmp_path: Path, loader: Sessi
 
 
 def test_formats_that_assume_a_camera_warn_once(tmp_path: Path, loader: SessionLoader) -> None:
-    name = str(write_picture(tmp_path / "in" / "a.png"))
+    name = str(write_image(tmp_path / "in" / "a.png"))
     formats = (Format.NORMALS, Format.PLY)
     done = next(predict(predict_request([name], None, formats, model=loader)))
     plan = plan_folder(str(tmp_path / "in"), str(tmp_path / "out"))
@@ -86,7 +86,7 @@ def test_a_failed_stream_is_a_line(tmp_path: Path, loader: SessionLoader, error:
     (failed,) = predict(request)
     assert isinstance(failed.error, InputError)
     if isinstance(error, OSError):
-        name = str(write_picture(tmp_path / "a.png"))
+        name = str(write_image(tmp_path / "a.png"))
         (failed,) = predict(predict_request([name], "-", model=loader, stdout=Broken(error)))
         assert isinstance(failed.error, OutputError)
 
@@ -98,8 +98,8 @@ def test_a_request_is_made_before_anything_heavy_is_loaded() -> None:
     assert not modules & {"numpy", "cv2", "onnxruntime", "typer", "rich"}
 
 
-def test_one_picture_loads_nothing_that_others_need(tmp_path: Path) -> None:
-    words = str(write_picture(tmp_path / "a.png")), "--model", str(write_model(tmp_path / "model"))
+def test_one_image_loads_nothing_that_others_need(tmp_path: Path) -> None:
+    words = str(write_image(tmp_path / "a.png")), "--model", str(write_model(tmp_path / "model"))
     code = (
         "import sys; from depthcli.cli.shell import run; code = run(['predict', *sys.argv[1:]]);"
         "print(*sys.modules); sys.exit(code)"
@@ -122,9 +122,9 @@ def test_a_model_that_is_not_there_ends_it(tmp_path: Path) -> None:
         next(results)
 
 
-def test_anchors_that_miss_a_picture_fail_it_alone(tmp_path: Path, loader: SessionLoader) -> None:
-    small = write_picture(tmp_path / "small.png", np.full((8, 8, 3), 99, np.uint8))
-    large = write_picture(tmp_path / "large.png")
+def test_anchors_that_miss_an_image_fail_it_alone(tmp_path: Path, loader: SessionLoader) -> None:
+    small = write_image(tmp_path / "small.png", np.full((8, 8, 3), 99, np.uint8))
+    large = write_image(tmp_path / "large.png")
     anchors = (Anchor(40, 30, 2.0),)
     request = predict_request([small, large], None, (Format.NPY,), model=loader, anchors=anchors)
     failed, done = predict(request)

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import cv2
 import pytest
-from helpers.batches import pictures, request
+from helpers.batches import images, request
 
 from depthcli._version import __version__
 from depthcli.errors import EngineError
@@ -22,7 +22,7 @@ from depthcli.jobs.batch.workers import WorkerSpec
 def test_a_worker_takes_the_folder_and_the_threads_that_it_is_given(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     for name in ("out", "began"):
         (tmp_path / name).mkdir()
     found, threads = request(tmp_path), cv2.getNumThreads()
@@ -77,7 +77,7 @@ def test_a_cluster_of_this_machine_alone_is_told_to_nobody(monkeypatch: pytest.M
 
 
 def test_a_machine_without_this_version_or_the_folder_is_named(tmp_path: Path) -> None:
-    pictures(tmp_path)
+    images(tmp_path)
     found = request(tmp_path)
     spec = WorkerSpec(found.model, "0" * 64, found.options, found.plan.out)
     with pytest.raises(EngineError):

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.batches import outputs, pictures
+from helpers.batches import images, outputs
 from helpers.requests import predict_request, video_request
 from helpers.stores import Bucket, Faults
-from helpers.tiny import write_model, write_picture
+from helpers.tiny import write_image, write_model
 from helpers.videos import flat_frames, write_video
 from helpers.watched import Watched
 
@@ -50,13 +50,13 @@ def test_a_table_of_cameras_comes_from_a_bucket(bucket: Bucket) -> None:
         read_cameras(bucket.uri("none.csv"))
 
 
-def test_pictures_go_from_bucket_to_bucket(
+def test_images_go_from_bucket_to_bucket(
     tmp_path: Path, loader: SessionLoader, bucket: Bucket, once_each: Callable[[], Faults]
 ) -> None:
-    picture = write_picture(tmp_path / "a ü.png")
-    (here,) = predict(predict_request([picture], f"{tmp_path}/", FORMATS, model=loader))
+    image = write_image(tmp_path / "a ü.png")
+    (here,) = predict(predict_request([image], f"{tmp_path}/", FORMATS, model=loader))
     assert isinstance(here, PredictResult)
-    uri = bucket.put("in/a ü.png", picture.read_bytes())
+    uri = bucket.put("in/a ü.png", image.read_bytes())
     faults = once_each()
     missing = bucket.uri("in/none.png")
     done, failed = predict(
@@ -74,7 +74,7 @@ def test_pictures_go_from_bucket_to_bucket(
 def test_results_lie_beside_the_object(
     tmp_path: Path, loader: SessionLoader, bucket: Bucket
 ) -> None:
-    uri = bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
+    uri = bucket.put("in/a.png", write_image(tmp_path / "a.png").read_bytes())
     (done,) = predict(predict_request([uri], None, (Format.NPY,), model=loader))
     assert isinstance(done, PredictResult)
     assert set(bucket.objects()) == {"in/a.png", "in/a.depth.npy"}
@@ -86,11 +86,11 @@ def test_results_lie_beside_the_object(
 def test_a_sensor_s_depth_in_a_bucket_is_not_replaced(
     tmp_path: Path, loader: SessionLoader, bucket: Bucket, suffix: str
 ) -> None:
-    picture = write_picture(tmp_path / "a.png").read_bytes()
-    uris = tuple(bucket.put(f"in/{name}.png", picture) for name in "ab")
+    image = write_image(tmp_path / "a.png").read_bytes()
+    uris = tuple(bucket.put(f"in/{name}.png", image) for name in "ab")
     for number in (1, 2):
-        bucket.put(f"p/p.{number:04}.png", picture)
-    sensor = {".png": picture, ".exr": b"v/1\x01 and more"}[suffix]
+        bucket.put(f"p/p.{number:04}.png", image)
+    sensor = {".png": image, ".exr": b"v/1\x01 and more"}[suffix]
     names = [bucket.put(f"{name}{suffix}", sensor) for name in ("in/a.depth", "p/d.0002")]
     problem = "exists and does not state that depthcli wrote it"
     formats = (Format.NPY, Format.PNG16, Format.EXR)
@@ -111,7 +111,7 @@ def test_a_sensor_s_depth_in_a_bucket_is_not_replaced(
 def test_a_store_that_does_not_answer_gets_no_output(
     tmp_path: Path, loader: SessionLoader, bucket: Bucket, faults: Faults
 ) -> None:
-    uri = bucket.put("in/a.png", write_picture(tmp_path / "a.png").read_bytes())
+    uri = bucket.put("in/a.png", write_image(tmp_path / "a.png").read_bytes())
     request = predict_request([uri], bucket.uri("out/"), (Format.PNG16,), model=loader)
     for answer, is_written in (("500 InternalError", False), ("403 AccessDenied", True)):
         faults.fault = lambda method, path, _, answer=answer: (
@@ -122,7 +122,7 @@ def test_a_store_that_does_not_answer_gets_no_output(
         assert ("out/a.depth.png" in bucket.names()) is is_written
 
 
-def test_videos_and_numbered_pictures_go_from_bucket_to_bucket(
+def test_videos_and_numbered_images_go_from_bucket_to_bucket(
     tmp_path: Path, loader: SessionLoader, bucket: Bucket, once_each: Callable[[], Faults]
 ) -> None:
     clip = write_video(tmp_path / "clip.avi", flat_frames([40, 120, 200]))
@@ -141,12 +141,12 @@ def test_videos_and_numbered_pictures_go_from_bucket_to_bucket(
     damaged = bucket.put("in/bad.avi", b"no video")
     with pytest.raises(InputError):
         video(video_request(damaged, bucket.uri("out/"), formats, model=loader))
-    # The frames that were written are numbered pictures themselves.
+    # The frames that were written are numbered images themselves.
     plates = video_request(
         bucket.uri("plates/p.%04d.png"), bucket.uri("p/"), (VideoFormat.NPY,), model=loader
     )
     for number in (1, 2):
-        bucket.put(f"plates/p.{number:04}.png", write_picture(tmp_path / "p.png").read_bytes())
+        bucket.put(f"plates/p.{number:04}.png", write_image(tmp_path / "p.png").read_bytes())
     assert list(video(plates).numbers) == [1, 2]
     assert len(results_in(bucket, "p/")) == 2
 
@@ -183,14 +183,14 @@ def batch(folder: Path, source: str, out: str, shard: Shard = WHOLE) -> BatchReq
 
 @pytest.fixture
 def tree(tmp_path: Path, bucket: Bucket) -> dict[str, bytes]:
-    """A folder with pictures and other things, and a copy of it in the bucket; its outputs."""
-    pictures(tmp_path)
+    """A folder with images and other things, and a copy of it in the bucket; its outputs."""
+    images(tmp_path)
     clip = tmp_path / "in" / "hall" / "clip.avi"
     write_video(clip, flat_frames([40, 120, 200]))
-    (tmp_path / "in" / "notes.txt").write_text("no picture")
+    (tmp_path / "in" / "notes.txt").write_text("no image")
     (tmp_path / "in" / ".hidden").mkdir()
-    write_picture(tmp_path / "in" / ".hidden" / "a.png")
-    (tmp_path / "in" / "bad.jpg").write_bytes(b"no picture either")
+    write_image(tmp_path / "in" / ".hidden" / "a.png")
+    (tmp_path / "in" / "bad.jpg").write_bytes(b"no image either")
     for path in (tmp_path / "in").rglob("*"):
         if path.is_file():
             bucket.put(f"in/{path.relative_to(tmp_path / 'in').as_posix()}", path.read_bytes())
@@ -234,10 +234,10 @@ def test_a_batch_goes_from_bucket_to_bucket(
 def test_the_requests_of_a_batch_are_those_of_the_documentation(
     tmp_path: Path, bucket: Bucket, faults: Faults
 ) -> None:
-    picture = write_picture(tmp_path / "a.png").read_bytes()
-    bucket.put("in/a.png", picture)
-    bucket.put("in/b.png", picture)
-    sensor = bucket.put("out/b.depth.png", picture)
+    image = write_image(tmp_path / "a.png").read_bytes()
+    bucket.put("in/a.png", image)
+    bucket.put("in/b.png", image)
+    sensor = bucket.put("out/b.depth.png", image)
     kept = ["GET in/a.png", "GET in/b.png", "GET out/b.depth.png", "HEAD out/b.depth.png"]
     kept += ["HEAD out/a.depth.npy", "HEAD out/a.depth.png"]
     new = ["GET out/a.depth.png", "PUT out/a.depth.npy", "PUT out/a.depth.png"]
@@ -252,7 +252,7 @@ def test_the_requests_of_a_batch_are_those_of_the_documentation(
         errors = [result.row.error for result in found if result.row.error]
         assert len(errors) == 1
         assert str(sensor) in errors[0]
-    assert bucket.objects()["out/b.depth.png"] == picture
+    assert bucket.objects()["out/b.depth.png"] == image
 
 
 def test_an_exr_is_downloaded_once(tmp_path: Path, bucket: Bucket, faults: Faults) -> None:
@@ -346,7 +346,7 @@ def test_lists_name_objects(tmp_path: Path, bucket: Bucket, tree: dict[str, byte
 
 
 def test_listed_bad_uris_fail_alone(tmp_path: Path, bucket: Bucket, loader: SessionLoader) -> None:
-    words = [bucket.put("a.png", write_picture(tmp_path / "a.png").read_bytes())]
+    words = [bucket.put("a.png", write_image(tmp_path / "a.png").read_bytes())]
     words += [bucket.put(key, b"") for key in ("in//b.png", "in/./c.mp4", "in//d.depth.png")]
     words.append("hdfs://x/y.jpg")
     plan = plan_files(words, "the test", None, str(tmp_path / "out"))

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.requests import predict_request, video_request
-from helpers.tiny import synthetic_picture, write_model
+from helpers.tiny import synthetic_image, write_model
 
 import depthcli
 from depthcli.core.camera import Intrinsics
@@ -104,7 +104,7 @@ def test_each_door_writes_the_bytes_of_predict_and_gives_its_warnings(
 ) -> None:
     """Batches, videos and predict_many said nothing of a focal length that scales no depth."""
     loader = SessionLoader(write_model(tmp_path / "plain"), "cpu", threads=1)
-    pixels = cv2.imencode(".png", synthetic_picture(24, 32).astype(np.uint16))[1].tobytes()
+    pixels = cv2.imencode(".png", synthetic_image(24, 32).astype(np.uint16))[1].tobytes()
     results = []
     for number, each in enumerate((by_predict, door)):
         image = tmp_path / f"in{number}" / "a.png"

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from helpers.file_trees import contents
 from helpers.requests import video_request
-from helpers.tiny import load, write_model, write_picture
+from helpers.tiny import load, write_image, write_model
 from helpers.videos import NTSC, encode, flat_frames, write_mp4, write_video
 from helpers.watched import Watched
 
@@ -47,8 +47,8 @@ from depthcli.video.source import VideoSource
 def clip(tmp_path: Path) -> Path:
     """A clip at 30000/1001 whose frames get brighter, hence farther for the tiny model."""
     columns = [np.linspace(i, 64 + 7 * i, 64).astype(np.uint8) for i in range(24)]
-    pictures = [np.tile(column[None, :, None], (48, 1, 3)) for column in columns]
-    return write_mp4(tmp_path / "clip.mp4", pictures)
+    images = [np.tile(column[None, :, None], (48, 1, 3)) for column in columns]
+    return write_mp4(tmp_path / "clip.mp4", images)
 
 
 def run(path: Path, output: Path | str, loader: SessionLoader, **settings: Any) -> VideoResult:
@@ -243,7 +243,7 @@ def test_empty_names_are_not_the_working_directory(
     clip: Path, tmp_path: Path, loader: SessionLoader, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for number in range(3):
-        write_picture(tmp_path / "shot" / f"{number:04}.png")
+        write_image(tmp_path / "shot" / f"{number:04}.png")
     monkeypatch.chdir(tmp_path / "shot")
     with pytest.raises(InputError):
         video(VideoRequest("", model=loader))
@@ -576,9 +576,9 @@ def test_the_lock_holds_colours_and_lets_go_at_a_cut(tmp_path: Path, loader: Ses
     background = np.repeat(np.linspace(90, 160, 64).astype(np.uint8)[None, :], 48, 0)
     frames = []
     for i in range(30):
-        picture = background.copy()
-        picture[:6] = picture[:6] if i < 15 else 250  # something far comes into the picture
-        frames.append(picture)
+        image = background.copy()
+        image[:6] = image[:6] if i < 15 else 250  # something far comes into the image
+        frames.append(image)
     frames += [np.full_like(background, 20)] * 3
     path = write_video(tmp_path / "a.avi", [np.repeat(f[..., None], 3, 2) for f in frames])
     gray = WriterOptions(colormap="gray", near="white")

@@ -10,7 +10,7 @@ from threading import Barrier
 import numpy as np
 import pytest
 from helpers.requests import video_request
-from helpers.tiny import synthetic_picture, write_model, write_picture
+from helpers.tiny import synthetic_image, write_image, write_model
 from helpers.videos import flat_frames, write_mp4
 
 from depthcli.core.camera import Anchor, Intrinsics
@@ -89,7 +89,7 @@ def test_files_named_by_the_time_stamps_of_images_belong_to_them(
         return [tmp_path / suffix / f"{time}.{suffix}" for time in times]
 
     for file in named("png", 0):
-        write_picture(file, synthetic_picture(48, 64))
+        write_image(file, synthetic_image(48, 64))
     (tmp_path / "csv").mkdir()
     for late_ms, within_s in ((0, None), (19, None), (24, 0.025)):
         for file in (tmp_path / "csv").iterdir():

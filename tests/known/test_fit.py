@@ -196,7 +196,7 @@ def test_a_table_is_of_the_nearest_pixels() -> None:
 
 
 @pytest.mark.parametrize("side_px", [8, 40, 160])
-def test_many_points_of_one_wall_do_not_flatten_the_picture(side_px: int) -> None:
+def test_many_points_of_one_wall_do_not_flatten_the_image(side_px: int) -> None:
     """The wall of the map has waves of 3 %, which are no depth of the scene."""
     random = np.random.default_rng(0)
     true_m = np.tile(np.linspace(1, 6, 640, dtype=np.float32), (480, 1))
@@ -222,7 +222,7 @@ def test_many_points_of_one_wall_do_not_flatten_the_picture(side_px: int) -> Non
 
 
 @pytest.mark.parametrize("count", [5, 8, 11, 12])
-def test_points_spread_over_the_picture_show_a_shift(count: int) -> None:
+def test_points_spread_over_the_image_show_a_shift(count: int) -> None:
     map_m = np.random.default_rng(2).uniform(1, 9, (48, 64)).astype(np.float32)
     x, y = np.array([(7 + 10 * (i % 6), 6 + 12 * (i // 6 * 2)) for i in range(count)]).T
     truth_m = map_m * 1.2 + 0.5

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers import made
 from helpers.heifs import heic
-from helpers.tiny import write_picture
+from helpers.tiny import write_image
 from PIL import Image
 
 from depthcli.core.camera import Anchor, Intrinsics
@@ -135,7 +135,7 @@ def test_a_map_without_metres_is_refused(tmp_path: Path) -> None:
             read_known_depth(KnownDepthFiles(str(tmp_path / name)))
 
 
-def test_a_folder_has_a_file_for_each_picture(tmp_path: Path) -> None:
+def test_a_folder_has_a_file_for_each_image(tmp_path: Path) -> None:
     files = KnownDepthFiles(str(tmp_path))
     (tmp_path / "hall").mkdir()
     (tmp_path / "hall" / "a.b.csv").write_text("x,y,depth_m\n1,2,3\n")
@@ -346,7 +346,7 @@ def test_a_reconstruction_has_known_depth_of_its_images(write, tmp_path: Path) -
     write(tmp_path)
     stated = KnownDepthFiles(str(tmp_path))
     assert stated.is_by_image
-    image = write_picture(tmp_path / "data/hall/my room.jpg")
+    image = write_image(tmp_path / "data/hall/my room.jpg")
     found = read_known_depth(stated, image)
     # A quarter turn about y: z of the camera is -x of the world, and 2.
     assert dict(zip(found.x.tolist(), found.depth_m.tolist(), strict=True)) == pytest.approx(
@@ -371,7 +371,7 @@ def test_points_of_a_reconstruction_are_on_the_upright_image(
     write_text(tmp_path)
     stored = np.zeros((48, 64), np.uint8)
     stored[16:24, 32:40] = stored[40:, :8] = 255  # around the points
-    path = write_picture(tmp_path / "hall/my room.jpg")
+    path = write_image(tmp_path / "hall/my room.jpg")
     Image.fromarray(stored).save(path, exif=made.exif(orientation))
     found, pixels = read_known_depth(KnownDepthFiles(str(tmp_path)), path), read_image(path).pixels
     assert found.size_px == pixels.shape[::-1]
@@ -442,8 +442,8 @@ def test_depth_image_of_a_heic_is_in_metres(
     """As of an iPhone 13 Pro, whose disparity is uniform and marked as relative."""
     monkeypatch.setattr(heif, "depth_images", lambda _: [(SHADES, facts)])
     path = tmp_path / "a.heic"
-    picture = heic(np.zeros((64, 64, 3), np.uint8))
-    path.write_bytes(picture + b"<depthData:Accuracy>relative</depthData:Accuracy>")
+    image = heic(np.zeros((64, 64, 3), np.uint8))
+    path.write_bytes(image + b"<depthData:Accuracy>relative</depthData:Accuracy>")
     stored = read_stored_depth(path)
     assert stored.depth.is_metric
     assert len(stored.warnings) == 1

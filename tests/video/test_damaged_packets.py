@@ -76,8 +76,8 @@ def test_lost_packets_of_a_transport_stream_are_no_missing_end(
     codec: str, lost: int, tmp_path: Path
 ) -> None:
     rng = np.random.default_rng(0)
-    pictures = [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(60)]
-    path = encode(tmp_path / "a.ts", pictures, Fraction(25), codec, "yuv420p")
+    images = [rng.integers(0, 255, (48, 64, 3), dtype=np.uint8) for _ in range(60)]
+    path = encode(tmp_path / "a.ts", images, Fraction(25), codec, "yuv420p")
     whole = path.read_bytes()
     middle = len(whole) // _TS_PACKET_BYTES // 2
     for begin in range(middle, middle + 12):

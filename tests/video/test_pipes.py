@@ -33,9 +33,9 @@ def write_preview(target: Path | OutputPipe, source: Path, first_s: int, seconds
     values = np.random.default_rng(0).uniform(1, 9, (64, 64)).astype(np.float32)
     with PreviewVideoOutput(target, Timing(FILM), PreviewWriter(), None, audio=audio) as output:
         for i in range(int(seconds * FILM)):
-            picture = Frame(np.zeros((64, 64), np.uint8), timestamp_s=float(first_s + i / FILM))
+            image = Frame(np.zeros((64, 64), np.uint8), timestamp_s=float(first_s + i / FILM))
             depth = DepthMap(np.roll(values, 9 * i), DepthKind.METRIC)
-            output.append(output.encode(DepthFrame(picture, depth, (1, 9))))
+            output.append(output.encode(DepthFrame(image, depth, (1, 9))))
         if isinstance(target, OutputPipe):
             target.write(END_OF_FRAMES)
         assert output.finish() == ()

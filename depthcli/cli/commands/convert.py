@@ -18,7 +18,7 @@ from depthcli.video.formats import VIDEOS, VideoFormat, video_format_of
 class InputOptions:
     """Input."""
 
-    picture: str | None = groups.option(
+    image: str | None = groups.option(
         "Image of the same size, for colours, and for the camera if IN states none.", metavar="IMG"
     )
     include: list[str] | None = groups.option(
@@ -39,8 +39,8 @@ _CAMERA = tuple(field.name for field in fields(groups.CameraOptions))
 def _options_of(name: Format) -> tuple[str, ...]:
     """The options that a format uses, by parameter name."""
     camera = _CAMERA if name.facts.has_camera else ()
-    picture = ["picture"] if name.facts.shows_image else []
-    return (*name.facts.options, *camera, *picture)
+    image = ["image"] if name.facts.shows_image else []
+    return (*name.facts.options, *camera, *image)
 
 
 FORMAT_OPTIONS = {str(name): _options_of(name) for name in FORMATS}
@@ -106,8 +106,8 @@ def convert(
         raise UsageError("", "name the format of the outputs with {format}, for example exr")
     format_: Format | VideoFormat | None = as_video or (form if is_folder else None)
     format_ = format_ or job.target_of(output, form)[0]
-    if format_ is Format.PREVIEW and writing.preview.side_by_side != (inputs.picture is not None):
-        raise UsageError("", "give both {side_by_side} and {picture}, or neither")
+    if format_ is Format.PREVIEW and writing.preview.side_by_side != (inputs.image is not None):
+        raise UsageError("", "give both {side_by_side} and {image}, or neither")
     seen_by, options = parse.camera(camera), parse.writer_options(writing)
     if not screen.quiet:
         console.warn_all(seen_by.warnings)
@@ -123,7 +123,7 @@ def convert(
         stated=parse.depth_reading(depth_file, seen_by),
         camera=seen_by,
         reading=parse.reading(read),
-        picture=inputs.picture,
+        image=inputs.image,
         writing=options,
         overwrite=overwrite,
         fps=None if inputs.fps is None else parse.fps(inputs.fps),

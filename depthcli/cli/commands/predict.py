@@ -61,15 +61,15 @@ def predict(
     from depthcli.io.storage.paths import safe_name
     from depthcli.jobs import predict as job
     from depthcli.jobs.outputs import STDIO
-    from depthcli.jobs.predict import PredictRequest, picture_destination, split_own_outputs
+    from depthcli.jobs.predict import PredictRequest, image_destination, split_own_outputs
 
     to_stdout = output.out == STDIO
     if screen.as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
-    destination = picture_destination(output.out, output.formats or (), sidecar=output.sidecar)
-    pictures, skipped = split_own_outputs(images)
+    destination = image_destination(output.out, output.formats or (), sidecar=output.sidecar)
+    sources, skipped = split_own_outputs(images)
     request = PredictRequest(
-        pictures=tuple(pictures),
+        images=tuple(sources),
         destination=destination,
         overwrite=output.overwrite,
         model=parse.session_loader(model.model, model.runtime),
@@ -88,6 +88,6 @@ def predict(
         print_result(result, screen, to_stderr=to_stdout)
         if isinstance(result, FailedInput):
             failed.append(one_line(result.name))
-    if failed and len(pictures) > 1:
-        console.note(f"{len(failed)} of {len(pictures)} inputs failed: {', '.join(failed)}")
+    if failed and len(sources) > 1:
+        console.note(f"{len(failed)} of {len(sources)} inputs failed: {', '.join(failed)}")
     return ExitCode.SOME_FAILED if failed else ExitCode.OK

@@ -49,7 +49,7 @@ def view(
         stated=parse.depth_reading(depth_file, seen_by),
         camera=seen_by,
         reading=parse.reading(read),
-        picture=image,
+        image=image,
         writing=WriterOptions(**asdict(surface)),
         overwrite=overwrite,
     )

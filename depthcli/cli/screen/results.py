@@ -157,18 +157,18 @@ def print_result(
         print_failed(result, as_json=screen.as_json)
         return
     outcome: Any = result
-    is_picture = isinstance(result, PredictResult)
+    is_image = isinstance(result, PredictResult)
     if screen.as_json:
-        console.out_json(picture_json(outcome) if is_picture else video_json(outcome))
+        console.out_json(image_json(outcome) if is_image else video_json(outcome))
     elif not screen.quiet:
-        text = picture_text(outcome) if is_picture else video_text(outcome)
+        text = image_text(outcome) if is_image else video_text(outcome)
         (console.note if to_stderr else console.out)(text)
         console.warn_all(result.warnings, name=result.name)
     if not isinstance(result, PredictResult) and result.problem:
         console.error(about(result.name, f"{result.problem}; frames written: {result.frames}"))
 
 
-def picture_json(done: PredictResult) -> dict[str, object]:
+def image_json(done: PredictResult) -> dict[str, object]:
     """The fields of one line of ``--json``."""
     return {
         "input": done.name,
@@ -181,7 +181,7 @@ def picture_json(done: PredictResult) -> dict[str, object]:
     }
 
 
-def picture_text(done: PredictResult) -> str:
+def image_text(done: PredictResult) -> str:
     """One line: outputs, range of depth, camera."""
     spread = DepthRange.of(done.depth)
     if spread.min is None:

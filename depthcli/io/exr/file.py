@@ -300,7 +300,7 @@ def _depth_rank(name: str) -> tuple[int, int, str]:
 
 _NOTATIONS = (("r", "g", "b"), ("red", "green", "blue"))  # of colours, in any case
 _UNNAMED = ("rgba", "rgb")  # what the layer without a name is called where layers are chosen
-_PICTURES = ("", "rgba", "rgb", "combined", "beauty", "c", "ci", "main", "diffuse", "albedo")
+_IMAGES = ("", "rgba", "rgb", "combined", "beauty", "c", "ci", "main", "diffuse", "albedo")
 """Last parts of the names of layers that hold the image, the likeliest first."""
 _DATA = re.compile(r"n|p|z|uv|.*(normal|position|depth|motion|velocity|crypto).*")
 """Last parts of the names of layers whose R, G and B may be no colours."""
@@ -329,7 +329,7 @@ def colour_channels(
     if not coloured:
         shown = one_line(", ".join(names))
         raise InputError(f"{file} holds no image in R, G, B or Y", f"it has {shown}")
-    ranks = {layer: _picture_rank(layer) for layer in coloured}
+    ranks = {layer: _image_rank(layer) for layer in coloured}
     likely = [layer for layer, rank in ranks.items() if rank == min(ranks.values())]
     if len(likely) == 1:
         return coloured[likely[0]], None
@@ -353,9 +353,9 @@ def _coloured_layers(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     return layers
 
 
-def _picture_rank(layer: str) -> int:
+def _image_rank(layer: str) -> int:
     """Rank of a layer by its name; 0 is the likeliest to hold the image."""
     name = last_part(layer.removesuffix(".")).lower()
-    if name in _PICTURES:
-        return _PICTURES.index(name)
-    return len(_PICTURES) + bool(_DATA.fullmatch(name))
+    if name in _IMAGES:
+        return _IMAGES.index(name)
+    return len(_IMAGES) + bool(_DATA.fullmatch(name))

@@ -114,7 +114,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
 
 
 def _is_coloured(name: str, channels: Mapping[str, exr_file.StoredChannel]) -> bool:
-    """Whether a channel belongs to a colour picture; gray may be stored as three equal colours."""
+    """Whether a channel belongs to a colour image; gray may be stored as three equal colours."""
     layer = exr_file.layer_of(name)
     names = [] if name == layer + "Z" else [layer + colour for colour in _COLOURS]
     shown, *others = (

@@ -106,7 +106,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     steps = decode(data, str(path), max_pixels=OPENCV_MAX_PIXELS)
     if steps.dtype != np.uint16 or steps.ndim != _GRAY_RANK:
         raise InputError(
-            f"{path} is not 16-bit gray, so it holds no depth; it may be a preview or a picture"
+            f"{path} is not 16-bit gray, so it holds no depth; it may be a preview or an image"
         )
     return stored_depth(path, steps, _own_texts(data), options)
 

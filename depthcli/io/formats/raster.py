@@ -55,7 +55,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         image = check(data, str(path), OPENCV_MAX_PIXELS)
         values, several = image.decode().pixels, image.header.warning
     if values.ndim != 2 or values.dtype == np.uint8:  # noqa: PLR2004
-        raise InputError(f"{path} is a picture, not gray of 16 bits or more, so it holds no depth")
+        raise InputError(f"{path} is an image, not gray of 16 bits or more, so it holds no depth")
     found = stored_depth(path, values, {}, options)
     if several:  # pages of a TIFF
         found = replace(found, warnings=(*found.warnings, f"{path} {several}"))

@@ -38,7 +38,7 @@ class StereoWriter(WriterOptions):
     ) -> UInt8Array:
         """Draw (H, 2 W, 3) RGB uint8, or (H, W, 3) in one; ``spread`` is that of a video."""
         if frame is None:
-            raise OutputError("a stereo pair is made of the image", "give it with {picture}")
+            raise OutputError("a stereo pair is made of the image", "give it with {image}")
         if depth.provenance.projection.is_other:
             raise OutputError("a panorama gives no stereo pair of flat images")
         disparity_px = _sharpened(self._disparity_px(depth, spread or percentiles(depth)))

@@ -316,19 +316,19 @@ class ArrayLike(Protocol):
         """The pixels."""
 
 
-class PilPicture(Protocol):
+class PilImage(Protocol):
     """The part of ``PIL.Image.Image`` that is used here."""
 
     def getexif(self) -> Any:  # noqa: ANN401 - PIL need not be installed
         """Its EXIF."""
 
 
-Picture: TypeAlias = (  #: a path, the content of a file, pixels, or a PIL image
-    str | os.PathLike[str] | bytes | bytearray | memoryview | ArrayLike | PilPicture | Frame
+ImageLike: TypeAlias = (  #: a path, the content of a file, pixels, or a PIL image
+    str | os.PathLike[str] | bytes | bytearray | memoryview | ArrayLike | PilImage | Frame
 )
 
 
-def frame_of(image: Picture, white_level: int | None = None) -> Frame:
+def frame_of(image: ImageLike, white_level: int | None = None) -> Frame:
     """An image as a frame.
 
     Args:

@@ -109,7 +109,7 @@ def _describes(
 
 def _png_scale_texts(fields: Mapping[str, object]) -> dict[str, str]:
     """Facts that a sidecar states of the integers in the 16-bit PNG beside it."""
-    scale = fields.get("png16_scale", fields.get("scale"))  # of a picture, of a video
+    scale = fields.get("png16_scale", fields.get("scale"))  # of an image, of a video
     if scale is not None:
         return {"scale": _text(scale)}
     if "png16_scale" not in fields:

@@ -43,7 +43,7 @@ class BatchOptions(MapOptions):
         image, source = path_of(task.input.path), self.anchors
         if isinstance(source, tuple) or source.is_by_image:
             return self.known_points(image)
-        file = source.file_for(task.input.name, shares_stem=task.shares_stem, picture=image)
+        file = source.file_for(task.input.name, shares_stem=task.shares_stem, image=image)
         if any(is_same_file(output, file) for output in task.outputs.values()):
             raise InputError(f"{file} is its known depth", "choose another {out}")
         source = replace(source, camera=source.camera.of_image(task.intrinsics))

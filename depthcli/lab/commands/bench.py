@@ -64,6 +64,6 @@ def _print_bench(done: BenchResult) -> None:
     for name, time in (("network", done.network), ("end-to-end", done.end_to_end)):
         spread = f"minimum {time.min_ms:.2f} ms, noise ±{time.noise:.0%}, {time.runs} runs"
         console.out(f"{name:<14} {time.median_ms:8.2f} ms  ({spread})")
-    console.out(f"throughput     {done.pictures_per_s:8.1f} images/s, {done.workers} at a time")
+    console.out(f"throughput     {done.images_per_s:8.1f} images/s, {done.workers} at a time")
     if done.peak_memory_mb is not None:
         console.out(f"peak memory    {done.peak_memory_mb:8.0f} MB")

@@ -81,7 +81,7 @@ def open_training_data(
         data = TrainingData(nyu.open_nyu(path), title, NYU_HFOV_DEG)
     elif not (paired or patterns or opener_of(path) or _are_pairs(path)):
         lists = folders.open_unpaired_folder(path, reading)
-        title = f"own pictures and depth, unpaired ({path.resolve().name})"
+        title = f"own images and depth, unpaired ({path.resolve().name})"
         data = TrainingData(lists, title, None)
     else:
         dataset = open_pairs(path, reading, patterns)

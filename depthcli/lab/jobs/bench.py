@@ -83,7 +83,7 @@ class BenchResult:
     threads: int  #: of each of these workers, within one run of the network
     network: Latency  #: of the network alone, for one image
     end_to_end: Latency  #: from an encoded file to a 16-bit PNG on disk, for one image
-    pictures_per_s: float  #: end-to-end throughput with several workers
+    images_per_s: float  #: end-to-end throughput with several workers
     peak_memory_mb: float | None  #: of this process so far; None if the system does not report it
 
 

@@ -10,7 +10,7 @@ import onnx
 import pytest
 import torch
 from helpers.small import EFFICIENT, small_network, write_checkpoint
-from helpers.tiny import load, synthetic_picture, write_picture
+from helpers.tiny import load, synthetic_image, write_image
 from onnx import TensorProto
 
 from depthcli.cli.app import main
@@ -33,7 +33,7 @@ def images(tmp_path: Path) -> Path:
     """A folder of images to calibrate on, with a file that is none."""
     folder = tmp_path / "images"
     for shift in range(4):
-        write_picture(folder / f"{shift}.png", np.roll(synthetic_picture(), 9 * shift, axis=1))
+        write_image(folder / f"{shift}.png", np.roll(synthetic_image(), 9 * shift, axis=1))
     (folder / "notes.txt").write_text("no image")
     return folder
 
@@ -153,7 +153,7 @@ def test_int8_is_small_and_close_on_images(
     apart = max(float(np.abs(_raw(small, x) - _raw(whole, x)).max()) for x in inputs)
     assert apart == pytest.approx(done["max_abs"], abs=1e-4)
     float_m, int8_m = (
-        load(str(path), provider="cpu").predict(Frame(synthetic_picture())).depth.values
+        load(str(path), provider="cpu").predict(Frame(synthetic_image())).depth.values
         for path in (whole, small)
     )
     assert int8_m.shape == (48, 64)

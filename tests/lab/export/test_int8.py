@@ -9,7 +9,7 @@ import onnxruntime
 import pytest
 import torch
 import torch.nn.functional as F  # noqa: N812
-from helpers.tiny import synthetic_picture, write_picture
+from helpers.tiny import synthetic_image, write_image
 from onnx.numpy_helper import to_array
 from torch import Tensor, nn
 
@@ -48,8 +48,8 @@ def _efficient(width: int) -> EfficientGenerator:
 
 def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
     for shift in range(4):
-        pixels = np.roll(synthetic_picture(), 9 * shift, axis=1)
-        write_picture(tmp_path / f"{shift}.png", pixels)
+        pixels = np.roll(synthetic_image(), 9 * shift, axis=1)
+        write_image(tmp_path / f"{shift}.png", pixels)
     (tmp_path / "notes.txt").write_text("no image")
     network = _efficient(32)
     network.head.weight.data.normal_(0, 0.1)
@@ -122,7 +122,7 @@ def test_equal_biases_of_two_convolutions_are_corrected_apart() -> None:
 def test_int8_network_for_known_depth_computes_nothing_that_its_output_does_not_need(
     tmp_path: Path,
 ) -> None:
-    write_picture(tmp_path / "0.png", synthetic_picture())
+    write_image(tmp_path / "0.png", synthetic_image())
     base = _efficient(16)
     base.head.weight.data.normal_(0, 0.1)
     network = PromptedGenerator(base, (8, 8, 8, 8)).eval()
@@ -141,7 +141,7 @@ def test_int8_network_for_known_depth_computes_nothing_that_its_output_does_not_
 @pytest.mark.parametrize("count", [1, 64, 65, 127, 200])
 def test_calibration_is_spread_over_all_images(tmp_path: Path, count: int) -> None:
     for number in range(count):
-        write_picture(tmp_path / f"{number:03}.png", np.full((48, 64, 3), number, np.uint8))
+        write_image(tmp_path / f"{number:03}.png", np.full((48, 64, 3), number, np.uint8))
     seen = [round((batch.mean() + 1) * 127.5) for batch in calibration_batches(tmp_path, SPEC)]
     assert (len(seen), seen[0], seen[-1]) == (min(count, 64), 0, count - 1)
     assert len(seen) == 1 or max(np.diff(seen)) <= -(-count // 64) + 1
@@ -149,7 +149,7 @@ def test_calibration_is_spread_over_all_images(tmp_path: Path, count: int) -> No
 
 def test_calibration_takes_subfolders(tmp_path: Path) -> None:
     for number, name in enumerate(("b/0.png", "a.png", "b/c/1.png", "a/9.png")):
-        write_picture(tmp_path / "rgb" / name, np.full((48, 64, 3), number, np.uint8))
+        write_image(tmp_path / "rgb" / name, np.full((48, 64, 3), number, np.uint8))
     batches = calibration_batches(tmp_path / "rgb", SPEC)
     assert [round((batch.mean() + 1) * 127.5) for batch in batches] == [3, 1, 0, 2]
 
@@ -157,7 +157,7 @@ def test_calibration_takes_subfolders(tmp_path: Path) -> None:
 def test_calibration_takes_neither_outputs_nor_other_files(tmp_path: Path) -> None:
     for number in range(300):
         (tmp_path / f"{number:03}.json").touch()
-    write_picture(tmp_path / "a.png", np.full((48, 64, 3), 9, np.uint8))
+    write_image(tmp_path / "a.png", np.full((48, 64, 3), 9, np.uint8))
     Png16Writer().write(DepthMap(np.ones((48, 64), np.float32)), tmp_path / "a.depth.png")
     (batch,) = calibration_batches(tmp_path, SPEC)
     assert round((batch.mean() + 1) * 127.5) == 9

@@ -31,7 +31,7 @@ def _flipped(gray: Tensor) -> Tensor:
     return gray[..., 0].mean((1, 2)) > gray[..., -1].mean((1, 2))
 
 
-def test_without_strengths_there_are_whole_pictures_and_mirrored_ones() -> None:
+def test_without_strengths_there_are_whole_images_and_mirrored_ones() -> None:
     rgb, depth_m = _pairs(1)
     rgb, depth_m = rgb.expand(64, -1, -1, -1), depth_m.expand(64, -1, -1, -1)
     gray, seen_m, _ = augment(rgb, depth_m, PLAIN, seeded())

@@ -136,7 +136,7 @@ def test_store_keeps_depth_to_five_millimetres() -> None:
     assert float((store.depth_m.float() - 9.987).abs().max()) < 0.005
 
 
-def test_whole_pictures_are_not_augmented() -> None:
+def test_whole_images_are_not_augmented() -> None:
     store = PairStore(rooms(), HELD_OUT, DATA)
     (gray,) = whole_images(store, DATA, torch.tensor([0]))
     wanted = torch.nn.functional.avg_pool2d(store.rgb.float(), 2).amax(1) / 255 * 2 - 1

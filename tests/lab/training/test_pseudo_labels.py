@@ -10,7 +10,7 @@ import torch
 from helpers.made import exif, jpeg_with_exif
 from helpers.rooms import PAPER, TRAIN, batches_of, room_data, rooms
 from helpers.supervised_runs import BARE, SUPERVISED, train_steps, write_pseudo_labels
-from helpers.tiny import write_model, write_picture
+from helpers.tiny import write_image, write_model
 from torch import Tensor
 
 from depthcli.cli.app import main
@@ -199,7 +199,7 @@ def more(tmp_path: Path) -> Path:
     model = write_model(tmp_path / "model", input__fit="keep-aspect", **camera)
     for name, (height, width) in {"room": (72, 96), "wide": (72, 128), "lens": (96, 72)}.items():
         image = np.full((height, width, 3), GRAY, np.uint8)
-        write_picture(tmp_path / "more" / "rgb" / f"{name}.jpg", image)
+        write_image(tmp_path / "more" / "rgb" / f"{name}.jpg", image)
     lens = tmp_path / "more" / "rgb" / "lens.jpg"
     lens.write_bytes(jpeg_with_exif(lens.read_bytes(), exif(focal_35mm=26)))
     words = ["batch", str(lens.parent), "--out", str(tmp_path / "more" / "depth"), "--quiet"]

@@ -1,4 +1,4 @@
-"""EXR pictures: their names, colours and windows."""
+"""EXR images: their names, colours and windows."""
 
 import dataclasses
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from helpers.plates import (
 )
 from helpers.requests import predict_request, video_request
 from helpers.stores import Bucket
-from helpers.tiny import write_model, write_picture
+from helpers.tiny import write_image, write_model
 from helpers.videos import flat_frames
 from helpers.watched import Watched
 
@@ -43,7 +43,7 @@ from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.image import FailedInput
 from depthcli.jobs.outputs import plan_outputs
-from depthcli.jobs.predict import picture_destination, predict
+from depthcli.jobs.predict import image_destination, predict
 from depthcli.jobs.predict_images import PredictResult
 from depthcli.jobs.video.plan import VideoResult, VideoSettings, video_destination
 from depthcli.jobs.video.run import video
@@ -200,7 +200,7 @@ def test_a_plate_outside_the_display_window_has_no_depth(
 def test_an_exr_beside_another_image_keeps_its_suffix(out: str | None) -> None:
     sources = [Path("plate.jpg"), Path("plate.exr"), Path("other.exr")]
     for order in (sources, sources[::-1]):
-        plans = plan_outputs(order, picture_destination(out, (Format.NPY,)))
+        plans = plan_outputs(order, image_destination(out, (Format.NPY,)))
         names = {plan.outputs["npy"].name for plan in plans}
         assert names == {"plate.jpg.depth.npy", "plate.exr.depth.npy", "other.depth.npy"}
 
@@ -210,7 +210,7 @@ def test_a_batch_reads_those_of_a_list_alone(tmp_path: Path, loader: SessionLoad
     plate = write_plate(root, 1, MIXED)
     done = predicted(plate, loader, Format.EXR, anchors=(Anchor(20, 20, 3.5),))
     own = (root / "out" / "plate.1.depth.exr").rename(root / "own.exr")
-    write_picture(root / "room.png")
+    write_image(root / "room.png")
     whole = plan_folder(str(root), str(out))
     assert [file.name for file in whole.inputs] == ["room.png"]
     assert {(file.name, file.reason) for file in whole.skipped} == {

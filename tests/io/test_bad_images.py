@@ -1,4 +1,4 @@
-"""Bad pictures, files found by fuzzing, and variants of containers that programs write."""
+"""Bad images, files found by fuzzing, and variants of containers that programs write."""
 
 import os
 import shutil
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from helpers import made
-from helpers.bad_pictures import BAD, HEIGHT, JPEGS, PIXELS, WIDTH, encoded
+from helpers.bad_images import BAD, HEIGHT, JPEGS, PIXELS, WIDTH, encoded
 from helpers.command_line import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -309,12 +309,12 @@ def test_avif_of_many_bits_is_as_bright_as_it_says(bits: int) -> None:
 
 
 @pytest.mark.parametrize("dtype", [np.int8, np.int16, np.int32, np.uint32])
-def test_integers_that_are_no_picture_are_refused(dtype: type) -> None:
+def test_integers_that_are_no_image_are_refused(dtype: type) -> None:
     with pytest.raises(InputError, match=r"8 or 16 bits|cannot be decoded"):
         pixels(made.tiff(np.ones((2, 2), dtype)))
 
 
-def test_doubles_are_a_picture() -> None:
+def test_doubles_are_an_image() -> None:
     np.testing.assert_array_equal(pixels(made.tiff(np.array([[0.25, 1.0]]))), [[0.25, 1.0]])
     colours = np.arange(16).reshape(2, 2, 4) / 16
     for channels in (3, 4):
@@ -352,7 +352,7 @@ def test_colours_of_floats_may_be_declared_gray(channels: int) -> None:
 
 
 @pytest.mark.parametrize("frames", [0, 2])
-def test_of_an_animated_png_the_still_picture_is_read(frames: int) -> None:
+def test_of_an_animated_png_the_still_image_is_read(frames: int) -> None:
     control = made.chunk(b"acTL", struct.pack(">II", 2, 0))
     frame = made.chunk(b"fcTL", struct.pack(">IIIIIHHBB", 0, 2, 1, 0, 0, 1, 1, 0, 0))
     black = made.chunk(b"fdAT", struct.pack(">I", 1) + zlib.compress(bytes(3)))

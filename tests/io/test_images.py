@@ -1,4 +1,4 @@
-"""Pictures come in at their own precision and upright; bad ones are refused with a reason."""
+"""Images come in at their own precision and upright; bad ones are refused with a reason."""
 
 import struct
 from io import BytesIO
@@ -26,12 +26,12 @@ from depthcli.io.images.read import read_image
 from depthcli.io.images.tiff import EXIF_IFD, parse_exif
 from depthcli.video.source import VideoSource
 
-PICTURE = np.random.default_rng(0).integers(0, 255, (6, 9, 3), dtype=np.uint8)
+IMAGE = np.random.default_rng(0).integers(0, 255, (6, 9, 3), dtype=np.uint8)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_orientation_of_a_jpeg_is_undone_as_opencv_does(orientation: int) -> None:
-    jpeg = made.encoded(".jpg", cv2.resize(PICTURE, (64, 48)))
+    jpeg = made.encoded(".jpg", cv2.resize(IMAGE, (64, 48)))
     data = made.jpeg_with_exif(jpeg, made.exif(orientation, 28))
     expected = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
     frame = read_image(None, data)
@@ -40,19 +40,19 @@ def test_orientation_of_a_jpeg_is_undone_as_opencv_does(orientation: int) -> Non
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tiff", ".bmp"])
-def test_lossless_pictures_are_exact(suffix: str) -> None:
-    assert (read_image(None, made.encoded(suffix, PICTURE)).pixels == PICTURE).all()
+def test_lossless_images_are_exact(suffix: str) -> None:
+    assert (read_image(None, made.encoded(suffix, IMAGE)).pixels == IMAGE).all()
 
 
 @pytest.mark.parametrize(("transfer", "name"), [(16, "PQ"), (18, "HLG"), (13, None)])
 def test_high_dynamic_range_of_avif_is_told(transfer: int, name: str | None) -> None:
-    data = made.encoded(".avif", PICTURE)
+    data = made.encoded(".avif", IMAGE)
     at = data.index(b"colrnclx") + len(b"colrnclx") + 2
     warnings = read_image(None, data[:at] + transfer.to_bytes(2) + data[at + 2 :]).warnings
     assert [f"({name})" in text for text in warnings] == ([True] if name else [])
 
 
-def test_not_a_number_in_a_float_picture_becomes_black() -> None:
+def test_not_a_number_in_a_float_image_becomes_black() -> None:
     values = np.array([[0.25, np.nan], [np.inf, 2.0]], np.float32)
     frame = read_image(None, made.encoded(".tiff", values))
     assert (frame.pixels == [[0.25, 0], [0, 1]]).all()
@@ -69,9 +69,9 @@ def test_damaged_exif_counts_as_absent(data: bytes, start: bytes) -> None:
 
 
 def test_content_counts_not_the_suffix(tmp_path: Path) -> None:
-    path = tmp_path / "picture\nwith a line.txt"
-    path.write_bytes(made.encoded(".png", PICTURE))
-    assert (read_image(path).pixels == PICTURE).all()
+    path = tmp_path / "image\nwith a line.txt"
+    path.write_bytes(made.encoded(".png", IMAGE))
+    assert (read_image(path).pixels == IMAGE).all()
 
 
 @pytest.mark.parametrize("name", ["a.tif", "A.NEF"])
@@ -153,11 +153,11 @@ def test_profile_with_another_tone_curve_is_told(
 
 
 TOLD = ("has 3 images; only the first is used",)
-PICTURES = list(np.random.default_rng(0).integers(0, 255, (3, 40, 60, 3), np.uint8))
+IMAGES = list(np.random.default_rng(0).integers(0, 255, (3, 40, 60, 3), np.uint8))
 
 
 def saved(kind: str, count: int, **options: Any) -> bytes:
-    first, *others = map(Image.fromarray, PICTURES[:count])
+    first, *others = map(Image.fromarray, IMAGES[:count])
     file = BytesIO()
     first.save(file, kind, save_all=True, append_images=others, **options)
     return file.getvalue()
@@ -167,13 +167,13 @@ def saved(kind: str, count: int, **options: Any) -> bytes:
 def test_other_pages_of_a_tiff_are_told(options: dict[str, Any]) -> None:
     assert read_image(None, saved("TIFF", 3, **options)).warnings == TOLD
     assert read_image(None, saved("TIFF", 1, **options)).warnings == ()
-    ok, data = cv2.imencodemulti(".tiff", PICTURES)
+    ok, data = cv2.imencodemulti(".tiff", IMAGES)
     assert ok
     assert read_image(None, data.tobytes()).warnings == TOLD
 
 
-def test_thumbnails_and_masks_are_no_other_pictures() -> None:
-    first, *others = map(Image.fromarray, PICTURES)
+def test_thumbnails_and_masks_are_no_other_images() -> None:
+    first, *others = map(Image.fromarray, IMAGES)
     for kind, count in ((1, 1), (4, 1), (2, 3)):
         for other in others:
             other.encoderinfo = {"tiffinfo": {254: kind}}
@@ -211,7 +211,7 @@ def test_image_for_each_eye_is_told() -> None:
     second = data[data.index(b"\xff\xd8\xff", 4) :]
     assert (right.pixels == read_image(None, second).pixels).all()
     assert (left.pixels != right.pixels).any()
-    for other in (data, second, made.encoded(".png", PICTURE)):
+    for other in (data, second, made.encoded(".png", IMAGE)):
         with pytest.raises(InputError):
             read_image(None, other, eye=Eye.RIGHT)
 

@@ -1,4 +1,4 @@
-"""A table of pictures that no camera made: what each is refused with."""
+"""A table of images that no camera made: what each is refused with."""
 
 import struct
 
@@ -42,7 +42,7 @@ _FALSE_SUM[len(_FALSE_SUM) // 2] ^= 1
 
 BAD: dict[str, bytes] = {
     "empty": b"",
-    "text": b"no picture at all",
+    "text": b"no image at all",
     "zeros": bytes(1000),
     **{f"{kind} cut": data[: len(data) // 2] for kind, data in JPEGS.items()},
     **{

@@ -1,4 +1,4 @@
-"""HEIC pictures on the command line: predict, batch, image sequences, object stores."""
+"""HEIC images on the command line: predict, batch, image sequences, object stores."""
 
 import sys
 
@@ -7,13 +7,13 @@ import pytest
 from helpers.command_line import Cli
 from helpers.folders import contents, printed, rows, tree
 from helpers.heifs import heic, pillow_heif
-from helpers.tiny import synthetic_picture
+from helpers.tiny import synthetic_image
 from PIL import Image
 
 from depthcli.io.media import is_installed
 
-PICTURE = synthetic_picture(48, 64)
-HEIC = heic(PICTURE)
+IMAGE = synthetic_image(48, 64)
+HEIC = heic(IMAGE)
 MISSING = b"needs pillow-heif"
 
 
@@ -33,8 +33,8 @@ def test_the_focal_length_in_exif_is_used_as_that_of_a_jpeg(inside: Cli) -> None
     exif = Image.Exif()
     exif[0x0112] = 6
     exif.get_ifd(0x8769)[0xA405] = 26
-    (inside.folder / "a.heic").write_bytes(heic(PICTURE, exif=exif.tobytes()))
-    Image.fromarray(PICTURE).save(inside.folder / "b.jpg", exif=exif)
+    (inside.folder / "a.heic").write_bytes(heic(IMAGE, exif=exif.tobytes()))
+    Image.fromarray(IMAGE).save(inside.folder / "b.jpg", exif=exif)
     done = inside("predict", "a.heic", "b.jpg", "--format", "png16", "--json")
     facts = [(one["width"], one["height"], one["camera"]) for one in printed(done)]
     assert facts[0] == facts[1]
@@ -69,7 +69,7 @@ def test_a_batch_reads_heic_by_pillow_heif(inside: Cli, monkeypatch: pytest.Monk
 def test_a_folder_of_heic_is_an_image_sequence(inside: Cli) -> None:
     (inside.folder / "shots").mkdir()
     for number in (8, 9, 10):
-        data = heic(np.roll(PICTURE, number, 1))
+        data = heic(np.roll(IMAGE, number, 1))
         (inside.folder / "shots" / f"IMG_{number}.HEIC").write_bytes(data)
     inside("video", "shots", "--fps", "5", "--out", "d.%d.npy", code=0)
     assert {"d.8.npy", "d.9.npy", "d.10.npy"} <= contents(inside, ".").keys()
