@@ -65,8 +65,8 @@ def about(subject: str, text: str) -> str:
 
 
 def _joined(problem: str, advice: str, option: str, word: Callable[[str], str]) -> str:
-    told = re.sub(r"\{([a-z_][a-z0-9_]*)\}", lambda found: word(found[1]), advice)
-    line = "; ".join(part for part in (problem, told) if part)
+    sentence = re.sub(r"\{([a-z_][a-z0-9_]*)\}", lambda match: word(match[1]), advice)
+    line = "; ".join(part for part in (problem, sentence) if part)
     return f"{word(option)}: {line}" if option else line
 
 

@@ -27,10 +27,10 @@ class Member(NamedTuple):
     name: str  #: its path in the archive, or the number of its row
     data: bytes | None  #: None if the row holds no image
 
-    def output_name(self, which: Format) -> str:
+    def output_name(self, format_: Format) -> str:
         """Its name with the suffix of a format."""
         # The keys of webdataset keep "./", which a path would not.
-        return os.path.splitext(self.name)[0] + which.facts.suffix  # noqa: PTH122
+        return os.path.splitext(self.name)[0] + format_.facts.suffix  # noqa: PTH122
 
 
 Write: TypeAlias = Callable[[Member, Mapping[Format, bytes]], object]  #: of one image
@@ -43,8 +43,8 @@ def holds_images(path: Path, column: str | None = None) -> bool:
     if not path.is_file():
         return False
     with open_parquet(path) as file:
-        found, names = _image_columns(file), file.schema_arrow.names
-    return column in found if column else bool(found) and PATHS not in names
+        columns, names = _image_columns(file), file.schema_arrow.names
+    return column in columns if column else bool(columns) and PATHS not in names
 
 
 def members(path: Path, column: str | None = None) -> Iterator[Member]:
@@ -94,12 +94,12 @@ def _tar_members(path: Path, column: str | None) -> Iterator[Member]:
 
 def _parquet_members(path: Path, column: str | None) -> Iterator[Member]:
     with open_parquet(path) as file:
-        found = _image_columns(file)
-        if (column or len(found) != 1) and column not in found:
-            names = ", ".join(found) or "none"
+        columns = _image_columns(file)
+        if (column or len(columns) != 1) and column not in columns:
+            names = ", ".join(columns) or "none"
             raise UsageError(f"columns with images in {path}: {names}", "name one with {column}")
         row = 0
-        for batch in file.iter_batches(_ROWS, columns=[column or found[0]]):
+        for batch in file.iter_batches(_ROWS, columns=[column or columns[0]]):
             for value in batch.column(0).to_pylist():
                 data = value.get("bytes") if isinstance(value, dict) else value
                 name = isinstance(value, dict) and value.get("path")
@@ -123,8 +123,8 @@ def _tar_writer(path: Path) -> Iterator[Write]:
     with tarfile.open(path, "w", format=tarfile.PAX_FORMAT) as archive:
 
         def write(member: Member, files: Mapping[Format, bytes]) -> None:
-            for which, data in files.items():
-                entry = tarfile.TarInfo(member.output_name(which))
+            for format_, data in files.items():
+                entry = tarfile.TarInfo(member.output_name(format_))
                 entry.size = len(data)
                 archive.addfile(entry, BytesIO(data))
 
@@ -136,9 +136,9 @@ def _parquet_writer(path: Path, formats: tuple[Format, ...]) -> Iterator[Write]:
     import pyarrow as pa  # noqa: PLC0415 - in an extra
     import pyarrow.parquet as pq  # noqa: PLC0415
 
-    columns = {which: "depth" if which is Format.PNG16 else str(which) for which in formats}
+    columns = {format_: "depth" if format_ is Format.PNG16 else str(format_) for format_ in formats}
     kind = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
-    features = {columns[which]: {"_type": "Image"} for which in formats if which in _IMAGES}
+    features = {columns[format_]: {"_type": "Image"} for format_ in formats if format_ in _IMAGES}
     schema = pa.schema([(name, kind) for name in columns.values()]).with_metadata(
         {"huggingface": json.dumps({"info": {"features": features}})} if features else None
     )
@@ -148,8 +148,8 @@ def _parquet_writer(path: Path, formats: tuple[Format, ...]) -> Iterator[Write]:
         def write(member: Member, files: Mapping[Format, bytes]) -> None:
             rows.append(
                 {
-                    columns[which]: {"bytes": data, "path": member.output_name(which)}
-                    for which, data in files.items()
+                    columns[format_]: {"bytes": data, "path": member.output_name(format_)}
+                    for format_, data in files.items()
                 }
             )
             if len(rows) == _ROWS:

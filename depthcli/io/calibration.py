@@ -79,19 +79,19 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
     """
     path = path_of(path)
     try:
-        found = _camera_in(path, rectified=rectified)
+        camera = _camera_in(path, rectified=rectified)
     except InputError:
         raise
     except Exception as error:  # of the libraries, and of numbers in odd places
         raise InputError(f"{path} is not a calibration that can be read", _ADVICE) from error
-    fx, fy, cx, cy = found.matrix
-    if found.counts_from_corner:
+    fx, fy, cx, cy = camera.matrix
+    if camera.counts_from_corner:
         cx, cy = cx - 0.5, cy - 0.5
-    width, height = found.size_px or (math.nan, math.nan)
-    is_size = all(1 <= side <= _MAX_PX and side == int(side) for side in found.size_px or ())
+    width, height = camera.size_px or (math.nan, math.nan)
+    is_size = all(1 <= side <= _MAX_PX and side == int(side) for side in camera.size_px or ())
     # A crop can have it outside, but hardly by more than its own size.
     is_near = -width <= cx <= 2 * width and -height <= cy <= 2 * height
-    is_near |= found.size_px is None and 0 < cx < _MAX_PX and 0 < cy < _MAX_PX
+    is_near |= camera.size_px is None and 0 < cx < _MAX_PX and 0 < cy < _MAX_PX
     if not (is_size and is_near and FOCAL_PX.holds(fx) and FOCAL_PX.holds(fy)):
         raise InputError(
             f"{path} is for {width:g}×{height:g} pixels with fx {fx:g}, fy {fy:g}, cx {cx:g}, "
@@ -102,23 +102,23 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
         raise InputError(problem, "multiply it and the principal point by the size")
     is_square = abs(fy / fx - 1) <= _SQUARE
     focal_px, aspect = (math.sqrt(fx * fy), 1.0) if is_square else (fx, fy / fx)
-    size_px = (int(width), int(height)) if found.size_px else None
+    size_px = (int(width), int(height)) if camera.size_px else None
     return Intrinsics(
         focal_px,
         hfov_deg=hfov_deg(focal_px, size_px[0]) if size_px else None,
         centre_px=(cx, cy),
         size_px=size_px,
         pixel_aspect=aspect,
-        distortion=None if rectified else _distortion(found),
+        distortion=None if rectified else _distortion(camera),
     )
 
 
 def _distortion(camera: _Camera) -> Distortion | None:
     """The distortion of a lens, of four coefficients or more; None if there is none."""
-    is_fisheye, found = bool(_FISHEYE.search(camera.model)), camera.coefficients
-    if not (is_fisheye or any(found)):
+    is_fisheye, lens = bool(_FISHEYE.search(camera.model)), camera.coefficients
+    if not (is_fisheye or any(lens)):
         return None
-    filled = () if _OTHER_MODELS.search(camera.model) else (*found, *[0.0] * (4 - len(found)))
+    filled = () if _OTHER_MODELS.search(camera.model) else (*lens, *[0.0] * (4 - len(lens)))
     return Distortion(camera.matrix[:2], filled, is_fisheye)
 
 
@@ -306,8 +306,8 @@ def _of_element(element: ET.Element) -> Any:  # noqa: ANN401 - a mapping, or tex
 
 def _number(value: Any) -> float:  # noqa: ANN401 - of any file
     """A number; NaN for anything else."""
-    found = numbers_in(value)
-    return found[0] if len(found) == 1 else math.nan
+    numbers = numbers_in(value)
+    return numbers[0] if len(numbers) == 1 else math.nan
 
 
 def numbers_in(value: Any) -> list[float]:  # noqa: ANN401 - of any file
@@ -358,9 +358,9 @@ def kept_camera(name: str) -> Intrinsics:
         )
     except FileNotFoundError as error:
         there = sorted(file.stem for file in path.parent.glob("*.json"))
-        known = f"there are {', '.join(there)}" if there else "there is none"
+        choice = f"there are {', '.join(there)}" if there else "there is none"
         raise UsageError(
-            f"no camera named {name!r}: {known}", "make it with 'depthcli calibrate'"
+            f"no camera named {name!r}: {choice}", "make it with 'depthcli calibrate'"
         ) from error
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise UsageError(f"{path} is no calibrated camera", "calibrate it again") from error

@@ -101,8 +101,8 @@ class Guard:
             if self.inputs and identity_of(path) in self.inputs:
                 raise OutputError(f"{path} is an input and is not replaced", OUT_ADVICE)
             if not self.overwrite and self._is_foreign(path):
-                told = f"{path} exists and does not state that depthcli wrote it"
-                raise OutputError(told, f"{OUT_ADVICE}, or replace it with {{overwrite}}")
+                problem = f"{path} exists and does not state that depthcli wrote it"
+                raise OutputError(problem, f"{OUT_ADVICE}, or replace it with {{overwrite}}")
 
     def _is_foreign(self, path: Path) -> bool:
         is_remote = isinstance(path, RemotePath)

@@ -87,7 +87,7 @@ def read_lenses(path: Path) -> dict[str, Intrinsics]:
     table = CsvTable(data, str(path))
     if ID not in table.columns or _FOCAL.isdisjoint(table.columns):
         raise InputError(f"{path} has no columns id,focal_px or id,hfov_deg in its first line")
-    found: dict[str, Intrinsics] = {}
+    lenses: dict[str, Intrinsics] = {}
     for row in table:
         focal_px, hfov_deg, cx, cy = (
             row.number(column, rule) if row.cells.get(column) else None
@@ -102,6 +102,6 @@ def read_lenses(path: Path) -> dict[str, Intrinsics]:
         name = row.cells[ID].removeprefix("./")
         if not name:
             raise row.error("the id is missing")
-        if found.setdefault(name, lens) != lens:
+        if lenses.setdefault(name, lens) != lens:
             raise row.error(f"another row of {short_repr(name)} has another camera")
-    return found
+    return lenses

@@ -46,14 +46,14 @@ def read_embedded_depth(path: Path, options: DepthReadOptions) -> StoredDepth | 
     """Depth within an image, of a size of its own; None if there is none."""
     data = read_bytes(path)
     if data.startswith(JPEG_START):
-        found = _of_jpeg(data, str(path))
+        image = _of_jpeg(data, str(path))
     elif heif.is_heif(data):
-        found = _auxiliary(data, str(path))
+        image = _auxiliary(data, str(path))
     else:
         return None
-    if found is None:
+    if image is None:
         return None
-    values, texts, warnings = found
+    values, texts, warnings = image
     if texts.pop("measure", "") == "OpticRay" and options.kind is None:
         options = replace(options, kind=DepthEncoding.DISTANCE)
     return StoredDepth.of(path, values, FileMetadata(texts, warnings), options)
@@ -101,16 +101,16 @@ def _of_jpeg(data: bytes, name: str) -> Found | None:
     depth = near + share * (far - near) if is_linear else far * near / (far - share * (far - near))
     unit_m = _UNITS_M.get(facts.get("Units", "").lower())
     values = upright(depth * (unit_m or 1), parse_exif(exif_of_jpeg(data)).orientation)
-    stated = {"kind": "relative"} if unit_m is None else {"kind": "metric", "scale": "1"}
-    stated["measure"] = facts.get("MeasureType", "")
-    return np.ascontiguousarray(values, np.float32), stated, ()
+    texts = {"kind": "relative"} if unit_m is None else {"kind": "metric", "scale": "1"}
+    texts["measure"] = facts.get("MeasureType", "")
+    return np.ascontiguousarray(values, np.float32), texts, ()
 
 
 def _item(data: bytes, xmp: bytes) -> bytes | None:
     """The file of depth after an image; None if there is none."""
     end = len(data)
     for item in reversed(_ITEM.findall(xmp)):
-        length = int(found[1]) if (found := _LENGTH.search(item)) else 0
+        length = int(match[1]) if (match := _LENGTH.search(item)) else 0
         if re.search(rb"Semantic=[\"'](?:\w+/)?Depth[\"']", item):
             return data[end - length : end]
         end -= length

@@ -59,8 +59,8 @@ def _opened(source: Path | bytes) -> BinaryIO:
 
 def stated_rate(header: Mapping[str, Any]) -> Fraction | None:
     """Frames a second that a header states; None if it does not, or not above 0."""
-    stated = header.get("framesPerSecond")
-    return stated if isinstance(stated, Fraction) and stated > 0 else None
+    rate = header.get("framesPerSecond")
+    return rate if isinstance(rate, Fraction) and rate > 0 else None
 
 
 _FIELDS = (
@@ -72,12 +72,12 @@ _GROUPS, _GROUP_BITS = 8, 4
 
 def stated_time_code(header: Mapping[str, Any]) -> tuple[int, ...] | None:
     """The numbers of the time code that a header states; None if there is no valid one."""
-    stated = header.get("timeCode")
-    if not isinstance(stated, OpenEXR.TimeCode):
+    time_code = header.get("timeCode")
+    if not isinstance(time_code, OpenEXR.TimeCode):
         return None
     shifts = range(0, _GROUPS * _GROUP_BITS, _GROUP_BITS)
-    groups = (stated.userData >> shift & (1 << _GROUP_BITS) - 1 for shift in shifts)
-    numbers = (*(int(getattr(stated, field)) for field in _FIELDS), *groups)
+    groups = (time_code.userData >> shift & (1 << _GROUP_BITS) - 1 for shift in shifts)
+    numbers = (*(int(getattr(time_code, field)) for field in _FIELDS), *groups)
     try:
         OpenEXR.TimeCode(*numbers)
     except OPENEXR_ERRORS:  # 45 hours, for instance
@@ -105,16 +105,16 @@ class ExrPart(NamedTuple):
     @classmethod
     def of(cls, header: Mapping[str, Any], first: "ExrPart | None" = None) -> "ExrPart":
         """Read a header; the first part's rate, time code and primaries stand for missing ones."""
-        stated: Any = header.get("chromaticities")
-        if not (isinstance(stated, tuple) and len(stated) == _CHROMATICITIES):
-            stated = first.chromaticities if first else None
+        chromaticities: Any = header.get("chromaticities")
+        if not (isinstance(chromaticities, tuple) and len(chromaticities) == _CHROMATICITIES):
+            chromaticities = first.chromaticities if first else None
         return cls(
             header_window(header["dataWindow"]),
             header_window(header["displayWindow"]),
             float(header["pixelAspectRatio"]),
             stated_rate(header) or (first.rate if first else None),
             stated_time_code(header) or (first.time_code if first else None),
-            stated,
+            chromaticities,
             first.texts if first else {k: v for k, v in header.items() if isinstance(v, str)},
             header.get("view"),
             is_environment="envmap" in header,
@@ -151,30 +151,30 @@ def read_exr_channels(
 
     The name begins with that of their part if there are several.
     """
-    shown = name or str(source)
+    label = name or str(source)
     channels: dict[str, StoredChannel] = {}
     problem = "is not an EXR file that can be read"
     try:
         with _opened(source) as file, silenced():
             for part in OpenEXR.File(file, header_only=True).parts:
                 if part.header["type"] in _DEEP:
-                    raise InputError(f"{shown} holds deep data", "flatten it first")
-                for which in _WINDOWS:
-                    size = header_window(part.header[which])
-                    check_pixel_count(shown, size.width, size.height, max_pixels)
+                    raise InputError(f"{label} holds deep data", "flatten it first")
+                for window in _WINDOWS:
+                    size = header_window(part.header[window])
+                    check_pixel_count(label, size.width, size.height, max_pixels)
             problem = "is damaged: its pixels cannot be read"
             file.seek(0)
             parts = OpenEXR.File(file, separate_channels=True).parts
         if not parts or not all(part.channels for part in parts):  # all that becomes of damage
-            raise InputError(f"{shown} {problem}", "copy it again")
+            raise InputError(f"{label} {problem}", "copy it again")
         first = ExrPart.of(parts[0].header)
         for part in parts:
             layer = f"{part.header['name']}." if len(parts) > 1 else ""
-            stated = ExrPart.of(part.header, first)
+            facts = ExrPart.of(part.header, first)
             for channel, content in part.channels.items():
-                channels[layer + channel] = StoredChannel(content.pixels, stated)
+                channels[layer + channel] = StoredChannel(content.pixels, facts)
     except OPENEXR_ERRORS as error:
-        raise InputError(f"{shown} {problem}", "copy it again") from error
+        raise InputError(f"{label} {problem}", "copy it again") from error
     return channels
 
 
@@ -237,19 +237,19 @@ def choose_depth(
     and the warning are None if there is none.
     """
     names = list(channels)
-    found = [n for n in names if last_part(n) in _DEPTHS and not is_of_vectors(n, names)]
-    found.sort(key=_depth_rank)
+    candidates = [n for n in names if last_part(n) in _DEPTHS and not is_of_vectors(n, names)]
+    candidates.sort(key=_depth_rank)
     if layer is None:
-        found = [n for n in found if not _MIST.search(n)]
+        candidates = [n for n in candidates if not _MIST.search(n)]
     else:
-        layers = {layer_of(name): name for name in reversed(found)}
+        layers = {layer_of(name): name for name in reversed(candidates)}
         return _of_layer(file, layer, layers, "depth"), None
     hero = next((c.part.view for c in channels.values() if c.part.view), None)
-    if not found:
+    if not candidates:
         return None, None
-    chosen = next((n for n in found if channels[n].part.view in (None, hero)), found[0])
+    chosen = next((n for n in candidates if channels[n].part.view in (None, hero)), candidates[0])
     rank = _depth_rank(chosen)[:2]
-    others = [name for name in found if name != chosen and _depth_rank(name)[:2] == rank]
+    others = [name for name in candidates if name != chosen and _depth_rank(name)[:2] == rank]
     if not others:
         return chosen, None
     return chosen, Message(
@@ -264,15 +264,15 @@ _Found = TypeVar("_Found")
 def _of_layer(file: str, layer: str, layers: Mapping[str, _Found], what: str) -> _Found:
     """The entry of a layer, by its whole name or the last part of it, in upper or lower case."""
     named = {prefix.removesuffix("."): entry for prefix, entry in layers.items()}
-    wanted = layer.removesuffix(".").lower()
-    same = [name for name in named if name and name.lower() == wanted]
-    chosen = same or [name for name in named if name and last_part(name).lower() == wanted]
-    if not chosen and wanted in _UNNAMED and "" in named:
+    key = layer.removesuffix(".").lower()
+    same = [name for name in named if name and name.lower() == key]
+    chosen = same or [name for name in named if name and last_part(name).lower() == key]
+    if not chosen and key in _UNNAMED and "" in named:
         return named[""]
     if len(chosen) != 1:
-        which = "has several layers" if chosen else "has no layer"
-        shown = one_line(", ".join(filter(None, chosen or named)))
-        raise InputError(f"{file} {which} {layer!r} with {what}", f"it has {shown}")
+        problem = "has several layers" if chosen else "has no layer"
+        choices = one_line(", ".join(filter(None, chosen or named)))
+        raise InputError(f"{file} {problem} {layer!r} with {what}", f"it has {choices}")
     return named[chosen[0]]
 
 
@@ -327,8 +327,8 @@ def colour_channels(
     if "Y" in names and "" not in coloured and not is_of_vectors("Y", names):
         return ("Y",), None
     if not coloured:
-        shown = one_line(", ".join(names))
-        raise InputError(f"{file} holds no image in R, G, B or Y", f"it has {shown}")
+        choices = one_line(", ".join(names))
+        raise InputError(f"{file} holds no image in R, G, B or Y", f"it has {choices}")
     ranks = {layer: _image_rank(layer) for layer in coloured}
     likely = [layer for layer, rank in ranks.items() if rank == min(ranks.values())]
     if len(likely) == 1:
@@ -341,15 +341,15 @@ def colour_channels(
 
 def _coloured_layers(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """R, G and B of each layer that has them in one notation, by what precedes them."""
-    found: dict[tuple[str, str], str] = {}
+    coloured: dict[tuple[str, str], str] = {}
     for name in names:  # R precedes r, and r red, in a file, so R is used if there are several
-        found.setdefault((layer_of(name), last_part(name).lower()), name)
+        coloured.setdefault((layer_of(name), last_part(name).lower()), name)
     layers: dict[str, tuple[str, ...]] = {}
-    for layer, colour in found:
+    for layer, colour in coloured:
         for notation in _NOTATIONS:
-            wanted = [(layer, other) for other in notation]
-            if colour == notation[0] and found.keys() >= set(wanted):
-                layers.setdefault(layer, tuple(found[key] for key in wanted))
+            keys = [(layer, other) for other in notation]
+            if colour == notation[0] and coloured.keys() >= set(keys):
+                layers.setdefault(layer, tuple(coloured[key] for key in keys))
     return layers
 
 

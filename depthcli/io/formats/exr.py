@@ -28,13 +28,13 @@ class ExrWriter(WriterOptions):
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write metres along the camera axis, bit for bit unless ``half``; NaN stays NaN."""
-        shown, stored, windows = _windowed(depth, frame)
-        channels, warnings = self._channels(shown, stored, windows)
+        displayed, stored, windows = _windowed(depth, frame)
+        channels, warnings = self._channels(displayed, stored, windows)
         source = depth.provenance if depth.provenance != Provenance() else frame or Provenance()
         exr_file.write_exr(
             path,
             channels,
-            own_texts(metadata_texts(shown)),
+            own_texts(metadata_texts(displayed)),
             frame.rate if frame else None,
             pixel_aspect=source.pixel_aspect,
             windows=windows,
@@ -43,27 +43,27 @@ class ExrWriter(WriterOptions):
         return warnings
 
     def _channels(
-        self, shown: DepthMap, stored: Float32Array, windows: tuple[Window, Window] | None
+        self, displayed: DepthMap, stored: Float32Array, windows: tuple[Window, Window] | None
     ) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
         """The channels of a map, which are those of its data window, and warnings."""
-        del shown, windows
+        del displayed, windows
         values: AnyArray = np.ascontiguousarray(stored)
         if self.half:
             with np.errstate(over="ignore"):
                 values = values.astype(np.float16)
         lost = np.count_nonzero(np.isinf(values) & np.isfinite(stored)) if self.half else 0
-        told = (f"{lost} pixels are beyond half floats and became infinite",) if lost else ()
-        return {self.exr_channel: values}, told
+        warnings = (f"{lost} pixels are beyond half floats and became infinite",) if lost else ()
+        return {self.exr_channel: values}, warnings
 
 
 class NormalsExrWriter(ExrWriter):
     """Unit normals in N.X, N.Y and N.Z: x to the right, y up, z towards the camera; 0 without."""
 
     def _channels(
-        self, shown: DepthMap, stored: Float32Array, windows: tuple[Window, Window] | None
+        self, displayed: DepthMap, stored: Float32Array, windows: tuple[Window, Window] | None
     ) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
-        (focal_px, warnings), source = camera_of(shown), shown.provenance
-        x, y = source.centre_px or ((shown.width - 1) / 2, (shown.height - 1) / 2)
+        (focal_px, warnings), source = camera_of(displayed), displayed.provenance
+        x, y = source.centre_px or ((displayed.width - 1) / 2, (displayed.height - 1) / 2)
         if windows is not None:
             data, display = windows
             x, y = x + display.left - data.left, y + display.top - data.top
@@ -84,8 +84,8 @@ def _windowed(
     # A file has to have a pixel.
     corner = Window(display.left, display.top, display.left + 1, display.top + 1)
     data = corner if windows.valid.is_empty else windows.valid
-    shown, stored = (over_window(depth.values, windows.pixels, one) for one in (display, data))
-    return replace(depth, values=shown), stored, (data, display)
+    values, stored = (over_window(depth.values, windows.pixels, each) for each in (display, data))
+    return replace(depth, values=values), stored, (data, display)
 
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
@@ -95,11 +95,11 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     if name is None or _is_coloured(name, channels):
         raise InputError(f"{path} holds no depth; it has {one_line(', '.join(channels))}")
     stored, part = channels[name], channels[name].part
-    own = own_metadata(part.texts)
+    texts = own_metadata(part.texts)
     if part.pixel_aspect != 1:
-        own["pixel_aspect"] = str(part.pixel_aspect)
+        texts["pixel_aspect"] = str(part.pixel_aspect)
     if _UNREAL.search(name):
-        own["scale"] = "100"
+        texts["scale"] = "100"
     frame = Frame(
         np.zeros((1, 1), np.uint8),
         rate=part.rate,
@@ -108,16 +108,18 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         time_code=part.time_code,
         view=part.view,
     )
-    found = stored_depth(path, stored.over(part.data), own, options.for_name(name), frame)
-    warnings = (*found.warnings, doubt) if doubt else found.warnings
-    return replace(found, channel=name, warnings=warnings)
+    result = stored_depth(path, stored.over(part.data), texts, options.for_name(name), frame)
+    warnings = (*result.warnings, doubt) if doubt else result.warnings
+    return replace(result, channel=name, warnings=warnings)
 
 
 def _is_coloured(name: str, channels: Mapping[str, exr_file.StoredChannel]) -> bool:
     """Whether a channel belongs to a colour image; gray may be stored as three equal colours."""
     layer = exr_file.layer_of(name)
     names = [] if name == layer + "Z" else [layer + colour for colour in _COLOURS]
-    shown, *others = (
-        channels[one].over(channels[one].part.display) for one in (name, *names) if one in channels
+    first, *others = (
+        channels[each].over(channels[each].part.display)
+        for each in (name, *names)
+        if each in channels
     )
-    return not all(np.array_equal(shown, other, equal_nan=True) for other in others)
+    return not all(np.array_equal(first, other, equal_nan=True) for other in others)

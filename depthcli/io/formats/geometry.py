@@ -60,8 +60,8 @@ def camera_of(depth: DepthMap) -> tuple[float, tuple[Message, ...]]:
     is_known = source.focal_px and source.camera_source is not CameraSource.CARD
     if is_known or source.projection.is_other:
         return focal_px, ()
-    told = f"no focal length is known; an hfov of {hfov_deg(focal_px, depth.width):.3g}° is assumed"
-    return focal_px, (Message(told, "give {focal_px} or {hfov}"),)
+    text = f"no focal length is known; an hfov of {hfov_deg(focal_px, depth.width):.3g}° is assumed"
+    return focal_px, (Message(text, "give {focal_px} or {hfov}"),)
 
 
 class NormalsWriter(WriterOptions):
@@ -95,13 +95,13 @@ class PlyWriter(SurfaceWriter):
         numbers = surface.faces() if self.faces else np.empty((0, 3), np.uint32)
         faces = np.empty(len(numbers), _FACE)
         faces["count"], faces["numbers"] = 3, numbers
-        known = metadata_texts(depth)
+        texts = metadata_texts(depth)
         for name in ("camera", "camera_size_px"):  # focal_px and camera_source say it in ASCII
-            known.pop(name, None)
+            texts.pop(name, None)
         lines = ["ply", "format binary_little_endian 1.0"]
-        lines += [one_line(f"comment {KEY_PREFIX}{name} {text}") for name, text in known.items()]
+        lines += [one_line(f"comment {KEY_PREFIX}{name} {text}") for name, text in texts.items()]
         lines += [f"element vertex {len(points)}"]
-        lines += [f"property {one}" for one in _PROPERTIES]
+        lines += [f"property {declaration}" for declaration in _PROPERTIES]
         if self.faces:
             lines += [f"element face {len(faces)}", "property list uchar uint vertex_indices"]
         with path.open("wb") as file:

@@ -53,27 +53,27 @@ class NpzWriter:
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     """Depth of one array of floats, or of integers of a known scale."""
-    data, own, name, cameras = read_bytes(path), dict[str, str](), "", np.empty(0)
+    data, texts, name, cameras = read_bytes(path), dict[str, str](), "", np.empty(0)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the header is read as Python, which may warn
             if path.suffix.lower() == ".npz":
-                name, values, own, cameras = _named_array(data)
+                name, values, texts, cameras = _named_array(data)
             else:
                 values = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
     except Exception as error:
         raise InputError(f"{path} is not a NumPy file that can be read") from error
     options = options.for_name(name)
     values = _map_of(values, path, options.frame)
-    own = own or _camera_texts(cameras, options.frame or 0, values.shape[1])
+    texts = texts or _camera_texts(cameras, options.frame or 0, values.shape[1])
     is_bare = options.scale is None and options.unstated_scale is None
     if is_bare and options.kind not in {None, *METRIC}:
         values = np.asarray(values, np.float32)  # 0 is a value if there is no unit
-    found = stored_depth(path, values, own, options)
-    if found.is_integer and found.scale and found.scale.source == "assumed":
+    result = stored_depth(path, values, texts, options)
+    if result.is_integer and result.scale and result.scale.source == "assumed":
         advice = "state its units per metre, 1000 for millimetres"
         raise InputError(f"{path} holds {values.dtype}, not float metres", advice)
-    return found
+    return result
 
 
 def _named_array(data: bytes) -> tuple[str, AnyArray, dict[str, str], AnyArray]:
@@ -81,18 +81,18 @@ def _named_array(data: bytes) -> tuple[str, AnyArray, dict[str, str], AnyArray]:
     with np.load(BytesIO(data), allow_pickle=False) as arrays:
         if any(member.file_size > _MAX_BYTES for member in arrays.zip.infolist()):
             raise ValueError("larger than any depth map")
-        own = json.loads(str(arrays["depthcli"])) if "depthcli" in arrays else {}
+        texts = json.loads(str(arrays["depthcli"])) if "depthcli" in arrays else {}
         names = [name for name in arrays.files if name != "depthcli"]
         name = next((name for name in _NAMES if name in names), names[0] if len(names) == 1 else "")
-        own = {str(key): str(text) for key, text in own.items()}
+        texts = {str(key): str(text) for key, text in texts.items()}
         cameras = arrays["intrinsics"] if "intrinsics" in arrays else np.empty(0)
-        return name, np.asarray(arrays[name]), own, cameras
+        return name, np.asarray(arrays[name]), texts, cameras
 
 
 def _camera_texts(matrices: AnyArray, frame: int, width: int) -> dict[str, str]:
     """Metadata of intrinsics in pixels of a map, (N, 3, 3) or (3, 3), as of Depth Anything 3."""
-    own = matrices.reshape(-1, 3, 3)[frame : frame + 1] if matrices.shape[-2:] == (3, 3) else ()
-    for (fx, _, x), (_, fy, y), _ in own:
+    matrix = matrices.reshape(-1, 3, 3)[frame : frame + 1] if matrices.shape[-2:] == (3, 3) else ()
+    for (fx, _, x), (_, fy, y), _ in matrix:
         if fx > 0 and 1 < x < width:  # others are in widths of the map
             centre = f"{x:.9g},{y:.9g}"
             return {"focal_px": f"{fx:.9g}", "centre_px": centre, "pixel_aspect": f"{fy / fx:.6g}"}

@@ -84,19 +84,19 @@ def stretched(
 
     Also returns the values that 1 and 65535 stand for, and the number of pixels beyond.
     """
-    values, known = depth.values, depth.valid
-    if not known.any():
+    values, valid = depth.values, depth.valid
+    if not valid.any():
         return np.zeros(values.shape, np.uint16), (0.0, 0.0), 0
-    least = float(values.min(where=known, initial=np.inf))
-    most = float(values.max(where=known, initial=-np.inf))
+    least = float(values.min(where=valid, initial=np.inf))
+    most = float(values.max(where=valid, initial=-np.inf))
     low, high = options.range_of((least, most))
     half_step, saturated = (high - low) / (facts.UINT16_MAX - 1) / 2, 0
     steps = np.empty(values.shape, np.uint16)
     for rows in row_bands(values.shape[1], values.shape[0]):  # float64 of a whole map is large
         band = values[rows].astype(np.float64)
-        steps[rows] = facts.normalized(band, known[rows], low, high)
+        steps[rows] = facts.normalized(band, valid[rows], low, high)
         beyond = (band < low - half_step) | (band > high + half_step)
-        saturated += int(np.count_nonzero(known[rows] & beyond))
+        saturated += int(np.count_nonzero(valid[rows] & beyond))
     return steps, (low, high), saturated
 
 
@@ -121,6 +121,6 @@ def read_metadata(path: Path) -> Mapping[str, str]:
 def _own_texts(data: bytes) -> dict[str, str]:
     if data.startswith(SIGNATURE):
         return facts.own_metadata(read_text(data))
-    found = _PGM_TEXT.findall(data[:_PGM_HEAD_BYTES])
-    texts = {name.decode(): text.decode("ascii", "replace") for name, text in found}
+    comments = _PGM_TEXT.findall(data[:_PGM_HEAD_BYTES])
+    texts = {name.decode(): text.decode("ascii", "replace") for name, text in comments}
     return facts.own_metadata(texts)

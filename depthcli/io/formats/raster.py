@@ -24,15 +24,15 @@ class FloatWriter:
     """PFM, uncompressed TIFF or COLMAP's dense map, by the suffix of the file."""
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
-        """Write (H, W) float32 as it is; no depth is infinite in PFM, 0 in COLMAP's maps.
+        """Write (H, W) float32 as it is; no depth is inpfm_values in PFM, 0 in COLMAP's maps.
 
         The formats have no room for what the numbers mean, which is a warning if they have no unit.
         """
         del frame
         suffix, values = path.suffix.lower(), np.ascontiguousarray(depth.values, "<f4")
         if suffix == ".pfm":  # rows from the bottom
-            known = np.where(np.isnan(values), np.float32(np.inf), values)
-            data = f"Pf\n{depth.width} {depth.height}\n-1.0\n".encode() + known[::-1].tobytes()
+            pfm_values = np.where(np.isnan(values), np.float32(np.inf), values)
+            data = f"Pf\n{depth.width} {depth.height}\n-1.0\n".encode() + pfm_values[::-1].tobytes()
         elif suffix == ".bin":
             data = f"{depth.width}&{depth.height}&1&".encode()
             data += np.nan_to_num(values, posinf=0).tobytes()
@@ -56,13 +56,13 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         values, several = image.decode().pixels, image.header.warning
     if values.ndim != 2 or values.dtype == np.uint8:  # noqa: PLR2004
         raise InputError(f"{path} is an image, not gray of 16 bits or more, so it holds no depth")
-    found = stored_depth(path, values, {}, options)
+    result = stored_depth(path, values, {}, options)
     if several:  # pages of a TIFF
-        found = replace(found, warnings=(*found.warnings, f"{path} {several}"))
-    if suffix != ".bin" or found.scale is None or found.scale.source != "assumed":
-        return found
+        result = replace(result, warnings=(*result.warnings, f"{path} {several}"))
+    if suffix != ".bin" or result.scale is None or result.scale.source != "assumed":
+        return result
     unit = Message("COLMAP's unit is arbitrary, and it is taken for metres", "state its scale")
-    return replace(found, warnings=(*found.warnings, unit))
+    return replace(result, warnings=(*result.warnings, unit))
 
 
 def _pfm(data: bytes, path: Path) -> AnyArray:

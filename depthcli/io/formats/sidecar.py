@@ -15,9 +15,9 @@ class SidecarWriter(WriterOptions):
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one JSON object."""
         source = depth.provenance
-        found, ends = DepthRange.of(depth), dict[str, float]()
-        if self.is_normalized and found.min is not None and found.max is not None:
-            ends = dict(zip(SIDECAR_ENDS, self.range_of((found.min, found.max)), strict=True))
+        range_, ends = DepthRange.of(depth), dict[str, float]()
+        if self.is_normalized and range_.min is not None and range_.max is not None:
+            ends = dict(zip(SIDECAR_ENDS, self.range_of((range_.min, range_.max)), strict=True))
         has_unit = depth.is_metric and not self.is_normalized
         document = {
             "software": metadata.SOFTWARE,
@@ -31,7 +31,7 @@ class SidecarWriter(WriterOptions):
             "orientation": frame.orientation if frame else source.orientation,
             **({"projection": source.projection} if source.projection.is_other else {}),
             **({} if source.time_s is None else {"time_s": source.time_s}),
-            **found._asdict(),
+            **range_._asdict(),
             "network_size_px": source.input_size_px,
             **metadata.origin_fields(depth),
             **metadata.known_depth_fields(depth),

@@ -30,8 +30,8 @@ class StereoWriter(WriterOptions):
         path.write_bytes(encode_png(self.render(depth, frame), {SOFTWARE_KEY: SOFTWARE}))
         if depth.is_metric:
             return camera_of(depth)[1]
-        told = f"{depth.kind} depth has no metres: near and far are {_SHARE:.0%} of the width apart"
-        return (Message(told, "predict with {anchors} for {convergence_m} in metres"),)
+        text = f"{depth.kind} depth has no metres: near and far are {_SHARE:.0%} of the width apart"
+        return (Message(text, "predict with {anchors} for {convergence_m} in metres"),)
 
     def render(
         self, depth: DepthMap, frame: Frame | None = None, spread: tuple[float, float] | None = None

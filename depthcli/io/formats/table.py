@@ -179,8 +179,8 @@ def stem_of(path: str | PurePath, others: Iterable[str] = ()) -> str:
 
 def readable_format(path: str | PurePath) -> Format | None:
     """The format that a depth file is read in, by its suffix; None if it is not read."""
-    found = format_of(PurePath(f"a{PurePath(path).suffix}"))
-    return found if found and found.facts.is_readable else None
+    format_ = format_of(PurePath(f"a{PurePath(path).suffix}"))
+    return format_ if format_ and format_.facts.is_readable else None
 
 
 def reader_of(name: Format) -> Callable[[Path, DepthReadOptions], StoredDepth]:
@@ -193,8 +193,8 @@ def reader_of(name: Format) -> Callable[[Path, DepthReadOptions], StoredDepth]:
 
 def writer_class(name: Format) -> type[Writer]:
     """The writer of a format; its module is loaded now."""
-    found: type[Writer] = resolve_name(f"depthcli.io.formats.{FORMATS[name].writer}")
-    return found
+    writer: type[Writer] = resolve_name(f"depthcli.io.formats.{FORMATS[name].writer}")
+    return writer
 
 
 def writer_of(name: Format, options: WriterOptions) -> Writer:

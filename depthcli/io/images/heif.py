@@ -40,7 +40,7 @@ def is_heif(data: bytes) -> bool:
 def avif_header(data: bytes) -> Header:
     """Largest size of an AVIF's items, tiles and thumbnails among them, and what else is stated."""
     claims = data[: data.find(b"mdat")]
-    starts = [found.end() + 4 for found in _ISPE.finditer(claims)]
+    starts = [match.end() + 4 for match in _ISPE.finditer(claims)]
     sizes = [struct.unpack_from(">II", claims, start) for start in starts]
     if not sizes:
         raise InputError("is truncated (its header is incomplete)", "copy it again")
@@ -69,9 +69,9 @@ def property_orientation(data: bytes) -> int:
     return _MIRRORED[-quarters % 4 if axis[0] & 1 else (2 - quarters) % 4]
 
 
-def find_box(data: bytes, wanted: bytes) -> bytes:
+def find_box(data: bytes, kind: bytes) -> bytes:
     """Content of the first box of a kind, as far as it is there; empty if there is none."""
-    start, end = _extent(data, wanted)
+    start, end = _extent(data, kind)
     return data[start:end]
 
 
@@ -96,8 +96,8 @@ def _extent(data: bytes, wanted: bytes) -> tuple[int, int]:
 def _brands(data: bytes) -> set[bytes]:
     if data[4:8] != b"ftyp":
         return set()
-    found = find_box(data, b"ftyp")[:_MAX_BRANDS_BYTES]
-    return {found[at : at + 4] for at in range(0, len(found), 4)}
+    brands = find_box(data, b"ftyp")[:_MAX_BRANDS_BYTES]
+    return {brands[at : at + 4] for at in range(0, len(brands), 4)}
 
 
 _EIGHT_BIT = 8
@@ -156,8 +156,8 @@ def decode_heif(data: bytes) -> Decoded:
 def depth_images(data: bytes) -> list[tuple[AnyArray, dict[str, Any]]]:
     """Depth images of the primary image, (H, W) upright, with what is stated of their numbers."""
     file = _opened(data)
-    found = file[file.primary_index].info.get("depth_images", ())
-    return [(np.asarray(image), image.info["metadata"]) for image in found]
+    images = file[file.primary_index].info.get("depth_images", ())
+    return [(np.asarray(image), image.info["metadata"]) for image in images]
 
 
 def _opened(data: bytes) -> Any:  # noqa: ANN401 - the types of its facts are too wide

@@ -45,9 +45,9 @@ def _stereo_offsets(index: bytes) -> list[int]:
     with suppress(struct.error, KeyError, ValueError):
         ((_, entries),) = read_tags(index, (_MP_ENTRIES,))
         order = "<" if index.startswith(b"I") else ">"
-        found = list(struct.iter_unpack(order + "IIII", bytes(entries)))
-        if any(kind & 0xFFFFFF == _DISPARITY for kind, *_ in found):
-            return [offset for _, _, offset, _ in found]
+        items = list(struct.iter_unpack(order + "IIII", bytes(entries)))
+        if any(kind & 0xFFFFFF == _DISPARITY for kind, *_ in items):
+            return [offset for _, _, offset, _ in items]
     return []
 
 
@@ -131,8 +131,8 @@ def segments(data: bytes) -> Iterator[tuple[int, bytes]]:
 def _spans(data: bytes) -> Iterator[tuple[int, int, int]]:
     """Marker, start and end of each segment, its length included, up to the first scan's header."""
     end, marker = len(JPEG_START), None
-    while marker != _SCAN and (found := _FILLED_MARKER.match(data, end)):
-        marker, start = found[1][0], found.end()
+    while marker != _SCAN and (match := _FILLED_MARKER.match(data, end)):
+        marker, start = match[1][0], match.end()
         end = start
         if marker not in _STANDALONE:
             end += int.from_bytes(data[start : start + 2], "big")

@@ -82,13 +82,13 @@ def is_netpbm(data: bytes) -> bool:
 
 def netpbm_header(data: bytes) -> Header:
     """Header of a PBM, PGM or PPM."""
-    found = _NETPBM.match(data)
-    if found is None:
+    match = _NETPBM.match(data)
+    if match is None:
         raise InputError("has no header of Netpbm")
-    white = int(found[3]) if found[3] and not data.startswith(_BITMAPS) else None
+    white = int(match[3]) if match[3] and not data.startswith(_BITMAPS) else None
     if white is not None and white <= _BYTE and data.startswith(_PLAIN):
         white = None  # the decoder scales these
-    return Header(int(found[1]), int(found[2]), white=white)
+    return Header(int(match[1]), int(match[2]), white=white)
 
 
 IMAGE_SUFFIXES = (".jpg", ".png", ".tiff", ".webp", ".avif", ".bmp")  #: that OpenCV writes

@@ -42,7 +42,7 @@ def upright_places(
 
 
 def full_range(
-    pixels: AnyArray, stated: int | None, white_level: int | None = None, black_level: int = 0
+    pixels: AnyArray, bits: int | None, white_level: int | None = None, black_level: int = 0
 ) -> tuple[AnyArray, tuple[str, ...]]:
     """Pixels scaled so that black is 0 and white is the maximum of their type, and warnings.
 
@@ -51,8 +51,8 @@ def full_range(
     top = _MAX.get(pixels.dtype)
     if top is None:
         return pixels, ()
-    if stated is not None and stated < top:
-        return scaled(pixels, stated), ()
+    if bits is not None and bits < top:
+        return scaled(pixels, bits), ()
     if pixels.dtype != np.uint16:
         return pixels, ()
     if white_level is None and not black_level:
@@ -107,11 +107,11 @@ def scaled(pixels: AnyArray, white: int, black: int = 0) -> AnyArray:
     top = _MAX[pixels.dtype]
     values = np.clip(np.arange(top + 1), black, white) - black
     levels = np.rint(values * top / (white - black)).astype(pixels.dtype)
-    found = np.empty_like(pixels)
+    result = np.empty_like(pixels)
     height, width = pixels.shape[:2]
     for rows in row_bands(width, height):  # indexing takes several times the memory of the pixels
-        found[rows] = levels[pixels[rows]]
-    return found
+        result[rows] = levels[pixels[rows]]
+    return result
 
 
 def as_frame_dtype(pixels: AnyArray, name: str) -> AnyArray:

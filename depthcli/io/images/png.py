@@ -46,7 +46,7 @@ def read_chunks(png: bytes) -> Iterator[tuple[bytes, memoryview, int]]:
 def png_header(png: bytes) -> Header:
     """Size of a PNG, and whether it is animated."""
     width, height = struct.unpack_from(">II", png, 16)
-    chunks = takewhile(lambda one: one[0] != b"IDAT", read_chunks(png))
+    chunks = takewhile(lambda chunk: chunk[0] != b"IDAT", read_chunks(png))
     before = {kind: body for kind, body, _ in chunks}
     profile = bytes(before.get(b"iCCP", b"")).partition(b"\0")[2][1:]  # after a name and a method
     with suppress(zlib.error):

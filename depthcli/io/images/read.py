@@ -103,8 +103,8 @@ class CheckedImage(NamedTuple):
     def decode(self) -> Decoded:
         """Decode its pixels."""
         with reader_errors(self.name):
-            found: Decoded = self.container.call("decode_{}", self.data)
-        return found
+            decoded: Decoded = self.container.call("decode_{}", self.data)
+        return decoded
 
 
 def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
@@ -231,10 +231,10 @@ def read_image(
     xmp: dict[bytes, bytes] = dict(reversed(facts))  # an element's end follows its value
     is_panorama = b"ProjectionType" in xmp and projection is None  # or cylindrical
     whole = xmp.get(b"FullPanoWidthPixels", b"")
-    shown = xmp.get(b"CroppedAreaImageWidthPixels", whole)
-    if projection == Projection.EQUIRECTANGULAR and shown != whole:
-        told = f"{name} shows {shown.decode()} of the {whole.decode()} columns of a panorama"
-        raise InputError(told, "give a whole one")
+    part = xmp.get(b"CroppedAreaImageWidthPixels", whole)
+    if projection == Projection.EQUIRECTANGULAR and part != whole:
+        warning = f"{name} shows {part.decode()} of the {whole.decode()} columns of a panorama"
+        raise InputError(warning, "give a whole one")
     doubts = PANORAMA if is_panorama else None, profile_warning(header.profile or data)
     of_eyes = header.warning if eye is None else None
     frame = Frame(
@@ -261,8 +261,8 @@ def masked(frame: Frame, alpha: AnyArray) -> Frame:
         return frame
     pixels, hidden = found
     problem = f"{hidden.mean():.0%} of the pixels are transparent and get no depth"
-    told = Message(problem, "give {ignore_alpha} to use their colours")
-    return replace(frame, pixels=pixels, transparent=hidden, warnings=(*frame.warnings, told))
+    warning = Message(problem, "give {ignore_alpha} to use their colours")
+    return replace(frame, pixels=pixels, transparent=hidden, warnings=(*frame.warnings, warning))
 
 
 def undistorted(frame: Frame, camera: Intrinsics) -> Frame:
@@ -279,10 +279,10 @@ def undistorted(frame: Frame, camera: Intrinsics) -> Frame:
     matrix = np.diag([*np.multiply(lens.focal_px, scale), 1])
     matrix[:2, 2] = camera.centre_for(frame.width, frame.height)
     undistort = cv2.fisheye.undistortImage if lens.is_fisheye else cv2.undistort
-    stated = matrix, np.array(lens.coefficients), None, matrix
+    target = matrix, np.array(lens.coefficients), None, matrix
     hidden = np.zeros(frame.pixels.shape[:2]) if frame.transparent is None else frame.transparent
-    alpha = undistort(np.where(hidden, np.uint8(0), np.uint8(255)), *stated)
-    pixels: AnyArray = undistort(frame.pixels, *stated)
+    alpha = undistort(np.where(hidden, np.uint8(0), np.uint8(255)), *target)
+    pixels: AnyArray = undistort(frame.pixels, *target)
     pixels, transparent = fill_transparent(pixels, alpha) or (pixels, None)
     return replace(frame, pixels=pixels, transparent=transparent)
 
@@ -374,8 +374,8 @@ def _pixels(image: ArrayLike) -> tuple[AnyArray, AnyArray | None]:
     except (TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"{type(image).__name__} is not an array: {error}") from error
     if pixels.ndim == 0 or pixels.dtype == object:  # None of cv2.imread, for instance
-        told = "an image is a path, bytes, an array, a Frame or a PIL image"
-        raise InputError(f"{told}, not {type(image).__name__}")
+        problem = "an image is a path, bytes, an array, a Frame or a PIL image"
+        raise InputError(f"{problem}, not {type(image).__name__}")
     alpha = None
     if pixels.ndim == _COLOUR_RANK and pixels.shape[2] in _ALPHA:
         alpha = pixels[..., -1]

@@ -38,15 +38,15 @@ TIFF_STARTS = tuple(LAYOUTS)
 
 
 def read_tags(
-    data: bytes, wanted: Collection[int], at: int | None = None
+    data: bytes, tags: Collection[int], at: int | None = None
 ) -> Iterator[tuple[int, tuple[int, ...]]]:
     """Wanted tags of the directory at a position, or of the first, with their values."""
-    for tag, form, position in tag_entries(data, wanted, at):
+    for tag, form, position in tag_entries(data, tags, at):
         yield tag, unpack_at(form, data, position)
 
 
 def tag_entries(
-    data: bytes, wanted: Collection[int], at: int | None
+    data: bytes, tags: Collection[int], at: int | None
 ) -> Iterator[tuple[int, str, int]]:
     """Wanted tags of a directory, with the format and the position of their values."""
     layout = LAYOUTS[data[:4]]
@@ -57,7 +57,7 @@ def tag_entries(
     first = at + struct.calcsize(layout.total)
     for entry in range(first, min(first + layout.entry * count, len(data)), layout.entry):
         tag, kind = unpack_at(order + "HH", data, entry)
-        if tag in wanted and kind in _FIELD_TYPES:
+        if tag in tags and kind in _FIELD_TYPES:
             (many,) = unpack_at(number, data, entry + 4)
             letters = _FIELD_TYPES[kind]
             form, position = f"{order}{many * len(letters)}{letters[0]}", entry + layout.value
@@ -132,14 +132,14 @@ def parse_exif(block: bytes) -> Exif:
 
 def _first_values(tiff: bytes, at: int | None = None) -> dict[int, float]:
     """The first value of each tag of a directory, as far as that goes."""
-    found: dict[int, float] = {}
+    firsts: dict[int, float] = {}
     with suppress(struct.error):
         for tag, values in read_tags(tiff, _EXIF_TAGS, at):
             if tag in _RATIONALS:
-                found.update({tag: values[0] / values[1]} if len(values) > 1 and values[1] else {})
+                firsts.update({tag: values[0] / values[1]} if len(values) > 1 and values[1] else {})
             elif values:
-                found[tag] = values[0]
-    return found
+                firsts[tag] = values[0]
+    return firsts
 
 
 _ICC_SIGN, _ICC_SIGN_AT, _ICC_TAGS_AT = b"acsp", 36, 128
@@ -237,14 +237,14 @@ def decode_tiff(data: bytes) -> Decoded:
         return decode_openimageio(data)
     _check_content(data, tags)
     has_alpha = tags.get(_EXTRA_SAMPLES) in (_ASSOCIATED, _UNASSOCIATED)
-    found = decode_with_opencv(_with_colours_as_stored(data), has_alpha=has_alpha)
-    return found._replace(exif=data)
+    pixels = decode_with_opencv(_with_colours_as_stored(data), has_alpha=has_alpha)
+    return pixels._replace(exif=data)
 
 
 def _first_directory(data: bytes) -> dict[int, int]:
     """The first value of each tag of the first image; of the bits, their maximum."""
-    found = {tag: values for tag, values in read_tags(data, _TAGS) if values}
-    return {tag: max(values) if tag == _BITS else values[0] for tag, values in found.items()}
+    entries = {tag: values for tag, values in read_tags(data, _TAGS) if values}
+    return {tag: max(values) if tag == _BITS else values[0] for tag, values in entries.items()}
 
 
 def _not_for_opencv(tags: Mapping[int, int]) -> str | None:
@@ -286,8 +286,8 @@ def _check_content(data: bytes, tags: Mapping[int, int]) -> None:
     names = _STRIPS if down is None else _TILES
     down = down or min(tags.get(_ROWS_PER_STRIP, height), height)
     planes = channels if tags.get(_PLANES) == _PLANAR else 1
-    found = dict(read_tags(data, names))
-    offsets, sizes = (found.get(name, ()) for name in names)
+    entries = dict(read_tags(data, names))
+    offsets, sizes = (entries.get(name, ()) for name in names)
     rows = -(-height // max(1, down))
     count = rows * -(-width // max(1, across)) * planes
     coding, bits = tags.get(_COMPRESSION, 1), tags.get(_BITS, 1)
@@ -321,12 +321,12 @@ def _with_colours_as_stored(data: bytes) -> bytes:
 
 def _image_count(data: bytes) -> int:
     """Directories in the file's chain, without reduced copies (thumbnails) and masks."""
-    layout, seen, count = LAYOUTS[data[:4]], {0}, 0
+    layout, visited, count = LAYOUTS[data[:4]], {0}, 0
     order, number = layout.order, layout.order + layout.number
     with suppress(struct.error):  # decoders, too, pass over what follows the first image
         (at,) = unpack_at(number, data, layout.start)
-        while at not in seen:
-            seen.add(at)
+        while at not in visited:
+            visited.add(at)
             kinds = dict(read_tags(data, (_SUBFILE_TYPE,), at)).get(_SUBFILE_TYPE) or (0,)
             count += not count or not kinds[0] & _REDUCED_OR_MASK
             (entries,) = unpack_at(order + layout.total, data, at)

@@ -129,18 +129,18 @@ def workspace(root: Path) -> Iterator[Path]:
                 shutil.rmtree(work, ignore_errors=True)
 
 
-def replace_folder(made: Path, target: Path, last: str) -> None:
+def replace_folder(new: Path, target: Path, last: str) -> None:
     """Move a new folder to its final path, replacing the files of a folder that is there.
 
     The file called ``last`` refers to the others and is replaced after them, so that the old folder
     is valid until then; others may have the same name only if they have the same content.
     """
     if not target.is_dir():
-        made.rename(target)
+        new.rename(target)
         return
-    names = {path.name for path in made.iterdir()}
+    names = {path.name for path in new.iterdir()}
     for name in sorted(names, key=last.__eq__):
-        os.replace(made / name, target / name)  # noqa: PTH105 - as in the other files here
+        os.replace(new / name, target / name)  # noqa: PTH105 - as in the other files here
     for path in target.iterdir():
         if path.name not in names:
-            path.rename(made / path.name)
+            path.rename(new / path.name)

@@ -44,16 +44,16 @@ _OPENER = build_opener(_Redirects)
 def head(url: str) -> tuple[int, int]:
     """Size in bytes, and time in seconds since the epoch, of a file."""
     with _opened(url, method="HEAD") as answer:
-        stated = answer.headers.get("Last-Modified")
-        return _size(answer), int(parsedate_to_datetime(stated).timestamp()) if stated else 0
+        modified = answer.headers.get("Last-Modified")
+        return _size(answer), int(parsedate_to_datetime(modified).timestamp()) if modified else 0
 
 
 def fetch(
     url: str, retries: int, pause: Callable[[int], None], start: int = 0
 ) -> tuple[int, Iterator[bytes]]:
     """Size of a file, and its content from a byte on in parts; resumed where it is cut off."""
-    asked = {"Range": f"bytes={start}-"} if start else None
-    answer = _retried(lambda: _opened(url, asked), retries, pause)
+    headers = {"Range": f"bytes={start}-"} if start else None
+    answer = _retried(lambda: _opened(url, headers), retries, pause)
     first = start if answer.status == _PARTIAL else 0
     size, tag = first + _size(answer), answer.headers.get("ETag", "")
 
@@ -69,8 +69,8 @@ def fetch(
             if tries == retries:
                 raise OSError(errno.EIO, "it is cut off; try again later")
             pause(tries)
-            asked = {"Range": f"bytes={done}-", **({"If-Range": tag} if tag else {})}
-            source = _retried(partial(_opened, url, asked), retries, pause)
+            headers = {"Range": f"bytes={done}-", **({"If-Range": tag} if tag else {})}
+            source = _retried(partial(_opened, url, headers), retries, pause)
             if source.status != _PARTIAL and done:
                 raise OSError(errno.EIO, "it is cut off, and the server cannot go on there")
 
@@ -106,17 +106,17 @@ def _retried(request: Callable[[], Any], retries: int, pause: Callable[[int], No
 
 
 def _size(answer: Any) -> int:  # noqa: ANN401
-    stated = answer.headers.get("Content-Length")
-    if stated is None:
+    length = answer.headers.get("Content-Length")
+    if length is None:
         advice = "download it to a file, or give a live stream to 'depthcli video --live'"
         raise OSError(errno.EINVAL, f"the server does not say how large it is; {advice}")
-    return int(stated)
+    return int(length)
 
 
 def _is_private(host: str) -> bool:
     """Whether a host has an address that is not of the public internet."""
     try:
-        found = {info[4][0] for info in socket.getaddrinfo(host, None)}
+        addresses = {info[4][0] for info in socket.getaddrinfo(host, None)}
     except OSError:
         return False  # connecting says what is wrong
-    return not all(ipaddress.ip_address(str(one).partition("%")[0]).is_global for one in found)
+    return not all(ipaddress.ip_address(str(ip).partition("%")[0]).is_global for ip in addresses)

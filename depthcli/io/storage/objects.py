@@ -168,13 +168,13 @@ class RemotePath(Path, PurePosixPath):
                     _store(self.base), start or None, offset=offset, chunk_size=_PAGE_NAMES
                 )
             waiting, pages = pages, None
-            found = next(waiting, ())
+            batch = next(waiting, ())
             pages = waiting
-            return found
+            return batch
 
-        while found := _with_retries(self, page):
-            for one in found:
-                after = one["path"][len(start) :]
+        while batch := _with_retries(self, page):
+            for entry in batch:
+                after = entry["path"][len(start) :]
                 yield after
 
 
@@ -183,9 +183,9 @@ def head(address: RemotePath) -> tuple[int, int, Mapping[str, str]]:
     if address.is_http:
         with _as_os_errors(address):
             return *_http().head(address.url), {}
-    found = _send_request("get", address, options={"head": True})
-    time_s = int(found.meta["last_modified"].timestamp())
-    return found.meta["size"], time_s, dict(found.attributes)
+    answer = _send_request("get", address, options={"head": True})
+    time_s = int(answer.meta["last_modified"].timestamp())
+    return answer.meta["size"], time_s, dict(answer.attributes)
 
 
 def fetch(
@@ -197,8 +197,8 @@ def fetch(
             size, content = _http().fetch(address.url, _retries(), _pause, start)
     else:
         options = {"range": {"offset": start}} if start else None
-        found = _send_request("get", address, options=options)
-        size, content = found.meta["size"], found.stream(min_chunk_size=_PART_BYTES)
+        answer = _send_request("get", address, options=options)
+        size, content = answer.meta["size"], answer.stream(min_chunk_size=_PART_BYTES)
     if max_bytes is not None and size > max_bytes:
         raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", str(address))
 
@@ -217,7 +217,7 @@ def put(address: RemotePath, file: Path, metadata: Mapping[str, str] | None = No
 
 def masked(text: str) -> str:
     """A text without the passwords and signatures of URLs in it."""
-    return re.sub(_HTTP_URI, lambda found: found[1] + found[2], text)
+    return re.sub(_HTTP_URI, lambda match: match[1] + match[2], text)
 
 
 def _send_request(verb: str, address: RemotePath, *words: Any, **options: Any) -> Any:  # noqa: ANN401
@@ -308,10 +308,10 @@ def _aws_credentials(uri: str) -> Any:  # noqa: ANN401 - boto3 has no types
 @contextmanager
 def _as_os_errors(address: RemotePath) -> Iterator[None]:
     """Raise the library's errors as ``OSError``, of one line each."""
-    found = _http().ERRORS if address.is_http else (_library(address).exceptions.BaseError,)
+    errors = _http().ERRORS if address.is_http else (_library(address).exceptions.BaseError,)
     try:
         yield
-    except (*found, ValueError, OSError) as error:
+    except (*errors, ValueError, OSError) as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise
         code = getattr(error, "code", None)  # of an answer of HTTP

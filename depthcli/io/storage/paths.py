@@ -85,10 +85,10 @@ def join(folder: str, name: str) -> str:
 
 def safe_name(name: str) -> str:
     """A name for messages and reports: a URI without its password and its signature."""
-    found = _SCHEME.match(name)
-    if found is not None and found[1].lower() in _STREAMS:
+    scheme = _SCHEME.match(name)
+    if scheme is not None and scheme[1].lower() in _STREAMS:
         return objects.masked(name)
-    return str(path_of(name)) if found else name
+    return str(path_of(name)) if scheme else name
 
 
 def check_writable(path: Path) -> None:

@@ -83,8 +83,8 @@ class StoredDepth:
         if not stored.size:
             raise InputError(f"{path} has no pixels")
         texts, is_integer = metadata.texts, stored.dtype.kind in "iu"
-        stated = DepthEncoding(texts["kind"]) if texts.get("kind") in set(DepthKind) else None
-        encoding = stated or options.kind or DepthEncoding.METRIC
+        kind = DepthEncoding(texts["kind"]) if texts.get("kind") in set(DepthKind) else None
+        encoding = kind or options.kind or DepthEncoding.METRIC
         scale = facts.depth_scale(
             texts,
             options.scale,
@@ -150,7 +150,7 @@ class StoredDepth:
 def stored_depth(
     path: Path,
     stored: AnyArray,
-    own: Mapping[str, str],
+    texts: Mapping[str, str],
     options: DepthReadOptions,
     frame: Frame | None = None,
 ) -> StoredDepth:
@@ -160,7 +160,7 @@ def stored_depth(
     as of ``metadata_texts``; ``frame`` has the windows of an EXR.
     """
     size_px = frame.display_size_px if frame else stored.shape[::-1]
-    return StoredDepth.of(path, stored, with_sidecar(path, own, size_px), options, frame)
+    return StoredDepth.of(path, stored, with_sidecar(path, texts, size_px), options, frame)
 
 
 def stated_range(texts: Mapping[str, str]) -> tuple[float, float] | None:
@@ -214,11 +214,11 @@ def _seen_by(
 ) -> DepthMap:
     """Depth along the axis of distances along the ray, or of disparity."""
     rows, columns = depth.values.shape
-    pixels = shown = Window(0, 0, columns, rows)
+    pixels = display = Window(0, 0, columns, rows)
     if frame is not None and frame.windows is not None:
-        pixels, shown = frame.windows.pixels, frame.windows.display  # that the camera is of
+        pixels, display = frame.windows.pixels, frame.windows.display  # that the camera is of
     source = depth.provenance
-    focal_px = options.camera.focal_for(shown.width) or source.focal_px
+    focal_px = options.camera.focal_for(display.width) or source.focal_px
     if focal_px is None:
         raise InputError(f"{name} holds {encoding}, which needs a focal length", "give {focal_px}")
     if encoding is DepthEncoding.DISPARITY:
@@ -226,16 +226,16 @@ def _seen_by(
             raise InputError(f"{name} holds disparity", "give {baseline} of the two cameras")
         factor = np.float32(focal_px * options.baseline_m)
         return replace(depth, values=reciprocal(depth.values) * factor)
-    centre = options.camera.centre_for(shown.width, shown.height) or source.centre_px
-    x, y = centre or ((shown.width - 1) / 2, (shown.height - 1) / 2)
+    centre = options.camera.centre_for(display.width, display.height) or source.centre_px
+    x, y = centre or ((display.width - 1) / 2, (display.height - 1) / 2)
     aspect = options.camera.pixel_aspect or source.pixel_aspect
-    across = (np.arange(columns) + (pixels.left - shown.left - x)) / focal_px
-    down = (np.arange(rows) + (pixels.top - shown.top - y)) / (focal_px * aspect)
+    across = (np.arange(columns) + (pixels.left - display.left - x)) / focal_px
+    down = (np.arange(rows) + (pixels.top - display.top - y)) / (focal_px * aspect)
     along_ray = np.sqrt(1 + across**2 + down[:, np.newaxis] ** 2)
     return replace(depth, values=(depth.values / along_ray).astype(np.float32))
 
 
 def reciprocal(values: Float32Array) -> Float32Array:
     """1/values, NaN where they are not above 0, or infinite; (H, W) float32."""
-    found = np.full_like(values, np.nan)
-    return np.divide(1, values, out=found, where=np.isfinite(values) & (values > 0))
+    result = np.full_like(values, np.nan)
+    return np.divide(1, values, out=result, where=np.isfinite(values) & (values > 0))

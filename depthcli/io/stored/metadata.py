@@ -39,16 +39,16 @@ ORIGIN_FIELDS = (
 def origin_fields(depth: DepthMap) -> dict[str, _Value | None]:
     """The facts about model and camera, ``ORIGIN_FIELDS``, by name; None where one is unknown."""
     source = depth.provenance
-    stated = {name: getattr(source, name) for name in ORIGIN_FIELDS[:-1]}
-    return {**stated, "camera": camera_text(depth)}
+    origin = {name: getattr(source, name) for name in ORIGIN_FIELDS[:-1]}
+    return {**origin, "camera": camera_text(depth)}
 
 
 def known_depth_fields(depth: DepthMap) -> dict[str, dict[str, Any] | None]:
     """Fit to known points for JSON, None without one; with a calibrated camera, also its scale."""
     source = depth.provenance
     fit, scale = source.anchor_fit, source.camera_scale
-    found = {"anchors": fit and {**fit._asdict(), "residual_m": round(fit.residual_m, 6)}}
-    return found if scale is None else {**found, "camera_scale": asdict(scale)}
+    record = {"anchors": fit and {**fit._asdict(), "residual_m": round(fit.residual_m, 6)}}
+    return record if scale is None else {**record, "camera_scale": asdict(scale)}
 
 
 def metadata_texts(depth: DepthMap) -> dict[str, str]:
@@ -62,8 +62,8 @@ def metadata_texts(depth: DepthMap) -> dict[str, str]:
     if source.time_s is not None:
         texts["time_s"] = f"{source.time_s:.12g}"
     if source.anchor_fit is not None:
-        used, given, residual_m, fit = source.anchor_fit
-        texts["anchors"] = f"{used},{given},{residual_m:.6g}{f',{fit}' if fit else ''}"
+        used, total, residual_m, fit = source.anchor_fit
+        texts["anchors"] = f"{used},{total},{residual_m:.6g}{f',{fit}' if fit else ''}"
     if (scale := source.camera_scale) is not None:
         texts["camera_scale"] = f"{scale.name},{scale.scale:.6g},{scale.shift_m:.6g}"
     origin = origin_fields(depth)
@@ -93,8 +93,8 @@ def camera_text(depth: DepthMap) -> str | None:
     hfov = f"hfov {hfov_deg(source.focal_px, depth.width):.1f}°"
     if source.camera_scale is not None:
         fitted = f"; calibrated as {source.camera_scale.name}{fitted}"
-    known = "" if source.camera_source is None else f" ({_SOURCE_TEXTS[source.camera_source]})"
-    return f"{hfov}{known}{fitted}"
+    origin = "" if source.camera_source is None else f" ({_SOURCE_TEXTS[source.camera_source]})"
+    return f"{hfov}{origin}{fitted}"
 
 
 def _fit_text(fit: AnchorFit) -> str:
@@ -159,7 +159,7 @@ def of_size(
 def provenance_of(metadata: Mapping[str, str]) -> Provenance:
     """The provenance of a map, as far as its metadata state it."""
     orientation, source = metadata.get("orientation"), metadata.get("camera_source")
-    stated = metadata.get("projection")
+    value = metadata.get("projection")
     return Provenance(
         model=metadata.get("model"),
         model_sha256=metadata.get("model_sha256"),
@@ -171,7 +171,7 @@ def provenance_of(metadata: Mapping[str, str]) -> Provenance:
         time_s=number(metadata.get("time_s")),
         anchor_fit=_anchor_fit(metadata.get("anchors")),
         pixel_aspect=pixel_aspect_in(metadata.get("pixel_aspect")),
-        projection=Projection(stated) if stated in tuple(Projection) else Projection.PINHOLE,
+        projection=Projection(value) if value in tuple(Projection) else Projection.PINHOLE,
         is_cropped="camera_size_px" in metadata and not {"focal_px", "centre_px"} & set(metadata),
     )
 
@@ -265,15 +265,15 @@ def depth_scale(
     """
     if option is None and metadata.get("scale") in NORMALIZED:
         return None
-    stated = positive_number(metadata.get("scale"))
-    if stated is None and not is_integer and has_unit and "software" in metadata:
-        stated = 1.0  # depthcli wrote it
-    if option is None and stated is not None:
-        return DepthScale(stated, "file")
-    given = unstated if option is None else option
-    if given is not None:
-        check_units_per_metre(given)
-        return DepthScale(given, "option")
+    of_file = positive_number(metadata.get("scale"))
+    if of_file is None and not is_integer and has_unit and "software" in metadata:
+        of_file = 1.0  # depthcli wrote it
+    if option is None and of_file is not None:
+        return DepthScale(of_file, "file")
+    scale = unstated if option is None else option
+    if scale is not None:
+        check_units_per_metre(scale)
+        return DepthScale(scale, "option")
     return DepthScale(MILLIMETRES if is_integer else 1.0, "assumed") if has_unit else None
 
 
@@ -287,11 +287,11 @@ def quantized(values: Float32Array, scale: float) -> tuple[UInt16Array, int]:
     steps = np.empty((height, width), np.uint16)
     saturated = 0
     for rows in row_bands(width, height):
-        band, known = values[rows] * np.float32(scale), has_depth(values[rows])
+        band, valid = values[rows] * np.float32(scale), has_depth(values[rows])
         np.rint(band, out=band)
-        saturated += int(np.count_nonzero(known & (band >= UINT16_MAX)))
+        saturated += int(np.count_nonzero(valid & (band >= UINT16_MAX)))
         np.clip(band, 1, UINT16_MAX, out=band)
-        band[~known] = 0
+        band[~valid] = 0
         steps[rows] = band
     return steps, saturated
 
@@ -302,11 +302,11 @@ def dequantized(steps: npt.NDArray[np.generic], scale: float) -> Float32Array:
     return np.where(steps == 0, np.float32(np.nan), values)
 
 
-def normalized(values: FloatArray, known: BoolArray, low: float, high: float) -> UInt16Array:
+def normalized(values: FloatArray, valid: BoolArray, low: float, high: float) -> UInt16Array:
     """Values from ``low`` to ``high`` as 1-65535, clamped; 0 where they are not known."""
-    share = (np.where(known, values, low) - low) / ((high - low) or 1.0)
+    share = (np.where(valid, values, low) - low) / ((high - low) or 1.0)
     steps = np.rint(1 + np.clip(share, 0, 1) * (UINT16_MAX - 1))
-    return np.where(known, steps, 0).astype(np.uint16)
+    return np.where(valid, steps, 0).astype(np.uint16)
 
 
 def denormalized(steps: npt.NDArray[np.generic], low: float, high: float) -> Float32Array:

@@ -60,19 +60,19 @@ def remove_video_sidecar(path: Path) -> None:
 
 def _find_sidecar(path: Path) -> tuple[Path, dict[str, object]] | None:
     """The sidecar of a file, or with ``time_s`` that of the video of which it is a frame."""
-    own = path.with_suffix(".json")
-    if fields := _read_sidecar(own):
-        return own, fields
-    numbers = list(_NUMBER.finditer(own.stem))
-    for found in reversed(numbers):
+    same_name = path.with_suffix(".json")
+    if fields := _read_sidecar(same_name):
+        return same_name, fields
+    numbers = list(_NUMBER.finditer(same_name.stem))
+    for number in reversed(numbers):
         # The frame's number is not always the last one: d.0001.v003.npy. It stands by itself then.
-        if found is not numbers[-1] and found.start() and found[0].isdigit():
+        if number is not numbers[-1] and number.start() and number[0].isdigit():
             continue
-        shared = own.with_stem(own.stem[: found.start()] or "sequence")
+        shared = same_name.with_stem(same_name.stem[: number.start()] or "sequence")
         fields = _read_sidecar(shared)
         times_s = fields.pop("times_s", None)
         if isinstance(times_s, dict):
-            time_s = times_s.get(str(int(found[1])))
+            time_s = times_s.get(str(int(number[1])))
             if time_s is not None:
                 return shared, fields | {"time_s": time_s}
     return None
@@ -96,12 +96,12 @@ def _parsed(sidecar: bytes) -> object:
 
 
 def _describes(
-    fields: Mapping[str, object], own: Mapping[str, str], size_px: tuple[int, int]
+    fields: Mapping[str, object], texts: Mapping[str, str], size_px: tuple[int, int]
 ) -> bool:
     """Whether a sidecar is that of this map, as far as both state the same facts."""
     # A video's camera is that of its first frame.
     names = ("model_sha256",) if "frames" in fields else ("model_sha256", "camera")
-    if any(fields.get(name) != own[name] for name in names if name in own):
+    if any(fields.get(name) != texts[name] for name in names if name in texts):
         return False
     width, height = size_px
     return (fields.get("width", width), fields.get("height", height)) == size_px
@@ -114,7 +114,7 @@ def _png_scale_texts(fields: Mapping[str, object]) -> dict[str, str]:
         return {"scale": _text(scale)}
     if "png16_scale" not in fields:
         return {}
-    ends = (fields.get(own, fields.get(own.removeprefix("png16_"))) for own in SIDECAR_ENDS)
+    ends = (fields.get(name, fields.get(name.removeprefix("png16_"))) for name in SIDECAR_ENDS)
     low, high = (metadata.number(_text(end)) for end in ends)
     if fields.get("png16_inverse") and low and high:
         return {"scale": "inverse", "range": f"{1 / high} {1 / low}"}

@@ -165,13 +165,13 @@ class VideoWorker:
                 ordered_map(work, members(source, options.column), workers=self.workers)
             ) as done,
         ):
-            for count, (member, found) in enumerate(done, start=1):  # noqa: B007 - the last one
+            for count, (member, image) in enumerate(done, start=1):  # noqa: B007 - the last one
                 stage(1)
-                if isinstance(found, Exception):
-                    failed.append(about(member.name, failure_reason(found)))
+                if isinstance(image, Exception):
+                    failed.append(about(member.name, failure_reason(image)))
                     write(member, {})
                     continue
-                data, camera, warnings = found
+                data, camera, warnings = image
                 write(member, data)
                 first = first or camera
                 warned |= dict.fromkeys(warnings)
@@ -215,7 +215,7 @@ class VideoWorker:
             name,
             source,
             (out / name).parent,
-            {which: path.name for which, path in task.outputs.items()},
+            {format_: path.name for format_, path in task.outputs.items()},
             VideoRequest(name, settings=settings, overwrite=overwrite),
             sha256=sha256,
         )
@@ -231,9 +231,9 @@ class VideoWorker:
 
 
 def _output_files(outputs: Mapping[VideoFormat, Path], numbers: Sequence[int]) -> Iterator[Path]:
-    for which, path in outputs.items():
+    for format_, path in outputs.items():
         of_frames = (numbered_name(path.name, number) for number in numbers)
-        yield from map(path.with_name, of_frames if which in SEQUENCES else [path.name])
+        yield from map(path.with_name, of_frames if format_ in SEQUENCES else [path.name])
 
 
 def video_checksum(task: BatchTask, path: Path, options: BatchOptions) -> str:
