@@ -18,8 +18,8 @@ PAGES = sorted(
     for place in ("*.md", "docs/**/*.md", "models/*.md")
     for page in ROOT.glob(place)
 )
-WORDS = 38_250
-"""Most words of docs/*.md; for a new passage, shorten another."""
+WORDS = 34_400
+"""Most words of the pages in docs/ that are written by hand; for a new passage, shorten another."""
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)#?([^)\s]*)\)")
 
 
@@ -45,7 +45,7 @@ def test_the_index_has_every_page() -> None:
 
 
 def test_pages_stay_within_their_budget_of_words() -> None:
-    pages = (ROOT / page for page in PAGES if page.parent == Path("docs"))
+    pages = (ROOT / page for page in PAGES if page.parent == Path("docs") and page.name != "cli.md")
     assert sum(len(page.read_text("utf-8").split()) for page in pages) <= WORDS
 
 

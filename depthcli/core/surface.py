@@ -105,6 +105,12 @@ def is_flying(depth_m: Float32Array, focal_px: float) -> BoolArray:
     return _is_ramp(depth_m, focal_px) | _is_ramp(depth_m.T, focal_px).T
 
 
+def holds_edge(depth_m: Float32Array, focal_px: float) -> bool:
+    """Whether a part of a map, (H, W), shows a near surface in front of a far one."""
+    torn = (_stands_out(_steps(side), _TORN / focal_px).any() for side in (depth_m, depth_m.T))
+    return bool(is_flying(depth_m, focal_px).any() or any(torn))
+
+
 def _is_ramp(depth_m: Float32Array, focal_px: float) -> BoolArray:
     steps = np.pad(_steps(depth_m), ((0, 0), (1, 1)))
     # The step of a clean edge is on one side of a pixel only.

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from depthcli.core.arrays import BoolArray
+from depthcli.core.surface import holds_edge, surface_of
 from depthcli.core.types import DepthMap, DepthRange
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
@@ -19,6 +20,7 @@ from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import FALLBACK_RATE, rate_text, time_code_text
 
 _STACKS = (".npy", ".npz")
+_REACH_PX, _SAME_SURFACE = 8, 0.05  # around a pixel whose normal is measured, and of its depth
 
 
 def is_depth_video(path: Path) -> bool:
@@ -87,11 +89,33 @@ def inspect_file(file: str, options: DepthReadOptions = AS_STATED) -> dict[str, 
     }
 
 
-def depth_at(depth: DepthMap, x: int, y: int) -> float | None:
-    """Depth at a column and a row, None if the pixel has none; UsageError outside the map."""
+@dataclass(frozen=True, slots=True)
+class PixelDepth:
+    """Depth at a pixel, and in space where the camera is known."""
+
+    depth: float | None  #: None without depth
+    point_m: tuple[float, ...] | None = None  #: x right, y down, z along the camera axis
+    normal: tuple[float, ...] | None = None  #: unit vector towards the camera
+
+
+def depth_at(depth: DepthMap, x: int, y: int) -> PixelDepth:
+    """Depth at a column and a row; UsageError outside the map."""
     if x >= depth.width or y >= depth.height:
         raise UsageError(f"{x},{y} is outside the map of {depth.width}×{depth.height} pixels")
-    return float(depth.values[y, x]) if depth.valid[y, x] else None
+    if not depth.valid[y, x]:
+        return PixelDepth(None)
+    value, focal_px = float(depth.values[y, x]), _focal_px(depth)
+    if focal_px is None:
+        return PixelDepth(value)
+    left, top = max(x - _REACH_PX, 0), max(y - _REACH_PX, 0)
+    part = _cropped(depth, left, top, x + _REACH_PX + 1, y + _REACH_PX + 1)
+    xyz_m = surface_of(part, focal_px).xyz_m
+    point_m = xyz_m[y - top, x - left]
+    near = xyz_m[np.abs(xyz_m[..., 2] - value) < _SAME_SURFACE * value]  # without NaN
+    # Of a plane through the points: steps of a millimetre would tilt the normal of neighbours.
+    normal = np.linalg.svd(near - near.mean(axis=0), full_matrices=False)[2][-1]
+    normal *= -np.sign(normal @ point_m) or 1
+    return PixelDepth(value, (*map(float, point_m),), (*map(float, normal),))
 
 
 QUANTILES = {"min": 0, "p05": 0.05, "p25": 0.25, "median": 0.5, "p75": 0.75, "p95": 0.95, "max": 1}
@@ -105,11 +129,14 @@ class AreaDepth:
     pixels: int  #: of the area
     without_depth: float  #: share of them
     quantiles: Mapping[str, float | None]  #: by the names of ``QUANTILES``; None without depth
+    size_m: tuple[float, float] | None = None  #: width and height of a box at its median depth
+    is_on_edge: bool = False  #: whether a box holds a near and a far surface
 
 
 def depth_in(depth: DepthMap, area: tuple[int, int, int, int] | BoolArray) -> AreaDepth:
     """Depth in a box (first column and row, and those after the last), or a mask (H, W) bool."""
-    size = f"the map of {depth.width}×{depth.height} pixels"
+    size, size_m, is_on_edge = f"the map of {depth.width}×{depth.height} pixels", None, False
+    focal_px = _focal_px(depth)
     if isinstance(area, tuple):
         left, top, right, bottom = area
         if not (left < right <= depth.width and top < bottom <= depth.height):
@@ -124,7 +151,27 @@ def depth_in(depth: DepthMap, area: tuple[int, int, int, int] | BoolArray) -> Ar
     valid, values = depth.valid[mask], depth.values[mask]
     quantiles = np.quantile(values[valid], list(QUANTILES.values())) if valid.any() else ()
     named = dict.fromkeys(QUANTILES) | dict(zip(QUANTILES, map(float, quantiles), strict=False))
-    return AreaDepth(valid.size, float(1 - valid.mean()), named)
+    if isinstance(area, tuple) and focal_px and (median_m := named["median"]):
+        box = _cropped(depth, *area)
+        width_m, height_m = (side * median_m / focal_px for side in (box.width, box.height))
+        size_m = width_m, height_m / depth.provenance.pixel_aspect
+        is_on_edge = holds_edge(np.where(box.valid, box.values, np.float32(np.nan)), focal_px)
+    return AreaDepth(valid.size, float(1 - valid.mean()), named, size_m, is_on_edge)
+
+
+def _focal_px(depth: DepthMap) -> float | None:
+    """The focal length of a metric map of a pinhole camera; None if there is none."""
+    source = depth.provenance
+    is_plane = depth.is_metric and not (source.is_cropped or source.projection.is_other)
+    return source.focal_px if is_plane else None
+
+
+def _cropped(depth: DepthMap, left: int, top: int, right: int, bottom: int) -> DepthMap:
+    """A part of a map, with the same camera."""
+    source = depth.provenance
+    x, y = source.centre_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
+    values = depth.values[top:bottom, left:right]
+    return replace(depth, values=values, provenance=replace(source, centre_px=(x - left, y - top)))
 
 
 def read_mask(file: str) -> BoolArray:

@@ -11,6 +11,7 @@ from helpers.command_line import Cli
 from helpers.tiny import write_image
 from helpers.videos import write_depth_video
 
+import depthcli
 from depthcli.io.depth.read import read_stored_depth
 
 
@@ -75,8 +76,43 @@ def test_probe_gives_the_depth_of_pixels(inside: Cli) -> None:
     first, second = map(
         json.loads, inside("probe", "d.npy", "15,11", "0,0", "--json").stdout.splitlines()
     )
-    assert first == {"x": 15, "y": 11, "depth": 9, "unit": "m"}
+    nothing = {"point_m": None, "normal": None}
+    assert first == {"x": 15, "y": 11, "depth": 9, **nothing, "unit": "m"}
     assert second["depth"] is None
+
+
+@pytest.mark.parametrize("aspect", [1, 2])
+def test_probe_gives_point_normal_and_size_where_the_camera_is_known(
+    aspect: float, inside: Cli
+) -> None:
+    focal_px, normal = 100.0, np.array([0.6, 0.0, -0.8])
+    x, y = np.meshgrid(
+        (np.arange(64) - 31.5) / focal_px, (np.arange(48) - 23.5) / focal_px / aspect
+    )
+    plane_m = -2.4 / (normal[0] * x + normal[1] * y + normal[2])
+    plane = depthcli.DepthMap(
+        plane_m.astype(np.float32),
+        provenance=depthcli.Provenance(focal_px=focal_px, pixel_aspect=aspect),
+    )
+    plane.save(inside.folder / "plane.png")  # in steps of a millimetre
+    done = inside("probe", "plane.png", "50,10", "20,10,40,30", "--json")
+    pixel, box = map(json.loads, done.stdout.splitlines())
+    expected_m = np.array([x[10, 50], y[10, 50], 1]) * plane_m[10, 50]
+    assert pixel["point_m"] == pytest.approx(expected_m, abs=1e-3)
+    assert pixel["normal"] == pytest.approx(normal, abs=0.01)
+    assert box["size_m"] == pytest.approx(np.array([20, 20 / aspect]) * box["median"] / 100)
+    assert not box["is_on_edge"]
+    assert b"point 0." in inside("probe", "plane.png", "50,10").stdout
+
+
+@pytest.mark.parametrize("width", [1, 5])
+def test_probe_warns_of_a_box_on_an_edge(width: int, inside: Cli) -> None:
+    ramp = np.interp(np.arange(64), [32, 32 + width], [1, 3])  # as networks smear an edge
+    values = np.repeat(ramp[np.newaxis], 48, axis=0)
+    np.save(inside.folder / "e.npy", values.astype(np.float32))
+    done = inside("probe", "e.npy", "0,0,20,20", "20,0,50,20", "--focal-px", "60")
+    assert done.stderr.count(b"holds a near and a far surface") == 1
+    assert b"20,0,50,20" in done.stderr
 
 
 def test_probe_sums_up_boxes_and_masks(inside: Cli, depth_npy: Path) -> None:

@@ -46,7 +46,7 @@ def test_zero_negative_and_infinite_metres_are_no_depth(name: str, tmp_path: Pat
     (NpyWriter() if name == "d.npy" else ExrWriter()).write(DepthMap(values_m), path)
     assert inspect_file(str(path)).items() >= {"valid": 2, "min": 2, "max": 3}.items()
     depth = read_map(path).displayed
-    assert [depth_at(depth, x, 0) for x in range(6)] == [None, None, None, None, 2, 3]
+    assert [depth_at(depth, x, 0).depth for x in range(6)] == [None, None, None, None, 2, 3]
     done = convert(ConvertRequest(str(path), str(tmp_path / "a.png")))
     assert (done.warnings, done.round_trip) == ((), RoundTrip(0, 0, 1))
     steps = cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import typer
@@ -9,10 +10,10 @@ import typer
 from depthcli.cli import options as groups
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
-from depthcli.errors import ExitCode
+from depthcli.errors import ExitCode, Message
 
 if TYPE_CHECKING:
-    from depthcli.jobs.inspect import AreaDepth
+    from depthcli.jobs.inspect import AreaDepth, PixelDepth
 
 
 def probe(
@@ -28,16 +29,21 @@ def probe(
     camera: groups.StatedCameraOptions,
     as_json: groups.JsonOption = False,
 ) -> int:
-    """Show the depth at pixels of a depth file, or its spread in boxes and masks."""
+    """Show depth at pixels of a depth file, or its spread in boxes and masks.
+
+    Where the camera is known, also the point in metres (x right, y down, z ahead), the normal, and
+    the width and height of a box at its median depth.
+    """
     from depthcli.cli import parse
+    from depthcli.core.types import with_camera
     from depthcli.io.storage.paths import path_of
     from depthcli.jobs.inspect import AreaDepth, depth_at, depth_in, read_map, read_mask
 
     areas = [parse.area(word) for word in places]
-    options = parse.depth_reading(depth_file, parse.camera(camera))
-    stored = read_map(path_of(file), options)
-    depth = stored.displayed
-    depths: list[float | AreaDepth | None] = []
+    lens = parse.camera(camera)
+    stored = read_map(path_of(file), parse.depth_reading(depth_file, lens))
+    depth = with_camera(stored.displayed, lens)
+    depths: list[PixelDepth | AreaDepth] = []
     for area in areas:
         match area:
             case (x, y):
@@ -54,22 +60,34 @@ def probe(
         if not as_json:
             console.out(one_line(f"{name}  {_text(value, unit)}"))
         elif isinstance(value, AreaDepth):
-            shares = {"pixels": value.pixels, "without_depth": value.without_depth}
-            console.out_json({"area": name, **shares, **value.quantiles, "unit": unit})
+            facts = asdict(value)
+            quantiles = facts.pop("quantiles")
+            console.out_json({"area": name, **quantiles, **facts, "unit": unit})
         else:
-            console.out_json({"x": area[0], "y": area[1], "depth": value, "unit": unit})
+            console.out_json({"x": area[0], "y": area[1], **asdict(value), "unit": unit})
+        if isinstance(value, AreaDepth) and value.is_on_edge:
+            problem = "the box holds a near and a far surface, so its median may be of neither"
+            console.warn(Message(problem, "make it smaller, or give a mask").about(name))
     return ExitCode.OK
 
 
-def _text(value: float | AreaDepth | None, unit: str | None) -> str:
-    if value is None:
-        return "no depth"
-    if isinstance(value, float):
-        return f"{value:.4g} {unit}" if unit else f"{value:.6g} (no unit)"
+def _text(value: PixelDepth | AreaDepth, unit: str | None) -> str:
+    from depthcli.jobs.inspect import PixelDepth
+
+    if isinstance(value, PixelDepth):
+        if value.depth is None:
+            return "no depth"
+        text = f"{value.depth:.4g} {unit}" if unit else f"{value.depth:.6g} (no unit)"
+        vectors = {"point": value.point_m, "normal": value.normal}
+        each = (f"  {name} {v[0]:.3f},{v[1]:.3f},{v[2]:.3f}" for name, v in vectors.items() if v)
+        return text + "".join(each)
     if value.quantiles["median"] is None:
         return f"no depth in {value.pixels} pixels"
     values = (f"{k} {v:.4g}" for k, v in value.quantiles.items() if v is not None)
+    size = (
+        f", {value.size_m[0]:.3g} × {value.size_m[1]:.3g} m wide and high" if value.size_m else ""
+    )
     return (
         f"{', '.join(values)} {unit or '(no unit)'} in {value.pixels} pixels, "
-        f"{value.without_depth:.1%} without depth"
+        f"{value.without_depth:.1%} without depth{size}"
     )
