@@ -189,7 +189,7 @@ class Session:
     def _maps(self, raw: AnyArray, count: int) -> Float32Array:
         """An output of (N, h, w), (N, 1, h, w) or (N, h, w, 1) as (N, h, w) float32.
 
-        One of points, (N, h, w, 3), stays as it is.
+        One of points, (N, h, w, 3), stays as it is; (h, w) is that of a single image.
         """
         if (
             self.model.card.output.points
@@ -197,7 +197,8 @@ class Session:
             and raw.ndim == _IMAGE_RANK
         ):
             return np.asarray(raw, np.float32)
-        maps = raw
+        is_single = raw.ndim == _IMAGE_RANK - 2 and count == 1 < min(raw.shape)
+        maps = raw[np.newaxis] if is_single else raw
         if raw.ndim == _IMAGE_RANK:
             maps = raw[:, 0] if raw.shape[1] == 1 else raw[..., 0] if raw.shape[3] == 1 else raw
         if (

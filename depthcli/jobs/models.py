@@ -260,8 +260,8 @@ def _card_draft(path: Path, facts: OnnxFacts, card: str | None) -> CardDraft:
         embedded = facts.metadata.get(METADATA_KEY)
         if embedded is None:
             problem = f"{path} has no card inside or beside it{catalog.unused_card(path)}"
-            advice = "give {card}, and see 'depthcli models cards' for ready ones"
-            raise UsageError(problem, advice)
+            ready = "see 'depthcli models cards' for ready ones"
+            raise UsageError(problem, f"give {{card}}; {ready}, or {catalog.how_to_write(path)}")
         where = f"card inside {path}"
         return CardDraft(_json_object(embedded, where), where, is_ready=False)
     return _named_draft(card)

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from mmap import ACCESS_READ, mmap
@@ -46,6 +47,11 @@ def ready_card(name: str) -> ModelCard:
     """A ready card, with placeholders for opset and IR version."""
     fields = ready_fields(name) | {"onnx": NO_FILE_YET}
     return ModelCard.from_json(json.dumps(fields), where=f"card {name}")
+
+
+def how_to_write(path: Path) -> str:
+    """Advice on a card for an ONNX file of one's own."""
+    return f"write one: depthcli models new-card {shlex.quote(str(path))}"
 
 
 def how_to_add(card: ModelCard, name: str) -> str:
@@ -197,8 +203,8 @@ def read_model(location: ModelLocation) -> Model:
         embedded = facts.metadata.get(METADATA_KEY)
         if embedded is None:
             raise ModelError(
-                f"{path} has no card{unused_card(path)}; put {path.stem}{CARD_SUFFIX} beside it, "
-                "or export it with 'depthcli export-onnx'"
+                f"{path} has no card{unused_card(path)}; put {path.stem}{CARD_SUFFIX} beside it "
+                f"('depthcli models cards' has ready ones), or {how_to_write(path)}"
             )
         card = ModelCard.from_json(embedded, where=f"card inside {path}")
     return Model(path, card, sha256, size, data)

@@ -4,6 +4,8 @@ import hashlib
 import json
 from pathlib import Path
 
+import numpy as np
+import onnx
 import pytest
 from helpers.command_line import ROOT, Cli
 from helpers.tiny import tiny_onnx, write_image, write_model
@@ -198,3 +200,48 @@ def test_a_broken_package_is_a_finding(cli: Cli, module: str, package: str, code
     assert found["import numpy"]["status"] == found["import OpenEXR"]["status"] == "ok"
     other = "codec .png" if module == "onnxruntime" else "import onnxruntime"
     assert found[other]["status"] == "ok"
+
+
+@pytest.mark.parametrize(("channels", "size"), [(3, None), (1, (24, 32))])
+def test_a_new_card_makes_a_network_run(
+    channels: int, size: tuple[int, int] | None, inside: Cli
+) -> None:
+    (inside.folder / "my net.onnx").write_bytes(tiny_onnx(channels=channels, size=size))
+    write_image(inside.folder / "a.png")
+    words = ("predict", "a.png", "-o", "a.npy", "--model", "./my net.onnx")
+    assert b"depthcli models new-card 'my net.onnx'" in inside(*words).stderr
+    made = inside("models", "new-card", "my net.onnx")
+    card = json.loads((inside.folder / "my net.card.json").read_text())
+    spec = card["input"]
+    assert (spec["dynamic"], spec["colour"]) == (size is None, "rgb" if channels == 3 else "luma")
+    assert (spec["height"], spec["width"]) == (size or (518, 518))
+    for guess in ("output.kind is inverse", "input.mean is 0.", "license is"):
+        assert guess.encode() in made.stderr
+    assert inside(*words).returncode == 0
+    added = inside("models", "add", "my net.onnx", "--card", "my net.card.json", "--name", "mine")
+    assert (added.returncode, inside(*words[:-1], "mine", "--overwrite").returncode) == (0, 0)
+
+
+def test_a_new_card_has_what_is_stated_and_replaces_no_file(inside: Cli) -> None:
+    (inside.folder / "a.onnx").write_bytes(tiny_onnx(channels=3))
+    words = ("models", "new-card", "a.onnx", "-o", "b.json", "--kind", "metric")
+    made = inside(*words, "--mean", "0", "--std", "1,2,3", "--colour", "rgb")
+    card = json.loads((inside.folder / "b.json").read_text())
+    assert (card["output"]["kind"], card["input"]["mean"]) == ("metric", [0])
+    assert card["input"]["std"] == [1, 2, 3]
+    assert b"input.mean" not in made.stderr
+    assert b"camera is null" in made.stderr
+    assert inside(*words).returncode == 1
+    assert inside(*words, "--overwrite", "--mean", "1,2").returncode == 2
+
+
+def test_a_network_may_give_a_map_without_axes_of_images(inside: Cli) -> None:
+    model = onnx.load_from_string(tiny_onnx())
+    model.graph.node[0].output[0] = "deep"
+    model.graph.node.append(onnx.helper.make_node("Squeeze", ["deep"], ["depth"]))  # (h, w)
+    onnx.save(model, inside.folder / "flat.onnx")
+    write_image(inside.folder / "a.png")
+    inside("models", "new-card", "flat.onnx", "--mean", "0", "--std", "1", "--colour", "value")
+    words = ("predict", "a.png", "--model", "./flat.onnx", "-o")
+    assert inside(*words, "flat.npy").returncode == 0
+    assert np.load(inside.folder / "flat.npy").shape == (48, 64)

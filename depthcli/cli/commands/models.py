@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated
+import shlex
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from depthcli.cli import completion
-from depthcli.cli.options import JsonOption, QuietOption
+from depthcli.cli.options import JsonOption, OverwriteOption, QuietOption
 from depthcli.cli.screen import console
 from depthcli.core.camera import hfov_deg
 from depthcli.core.options import one_line
@@ -97,6 +98,53 @@ def add_model_file(
             "this card was never run with the real weights, so its preprocessing may be wrong. "
             f"Check it on a few images: {check_command(model.card)}"
         )
+    return ExitCode.OK
+
+
+def write_new_card(
+    file: str = typer.Argument(..., metavar="FILE", help="ONNX file of a depth network."),
+    out: str | None = typer.Option(
+        None, "-o", "--out", metavar="CARD", help="The card. Default: FILE.card.json beside FILE."
+    ),
+    kind: Literal["metric", "relative", "inverse"] | None = typer.Option(
+        None, help="What the output is: metric (metres), relative (larger is farther), inverse."
+    ),
+    colour: Literal["value", "luma", "rgb"] | None = typer.Option(
+        None, help="Channels of the input; value is the largest of R, G and B."
+    ),
+    mean: str | None = typer.Option(
+        None, metavar="R,G,B", help="Mean that is subtracted from colours in [0, 1]."
+    ),
+    std: str | None = typer.Option(None, metavar="R,G,B", help="Divisor of colours after that."),
+    output: str | None = typer.Option(
+        None, metavar="NAME", help="Output that is the depth map, where there are several."
+    ),
+    overwrite: OverwriteOption = False,
+) -> int:
+    """Write a card for an ONNX file of your own, to correct and to add it with.
+
+    Size, channels, layout, outputs and opset are those of the file. What it does not state is
+    guessed, and each guess is printed.
+    """
+    from depthcli.cli import parse
+    from depthcli.core.types import DepthKind
+    from depthcli.io.storage.paths import path_of
+    from depthcli.jobs.new_card import Answers, new_card
+    from depthcli.models.card import Colour
+
+    def numbers(word: str | None, name: str) -> tuple[float, ...] | None:
+        form = "R,G,B" if word and "," in word else "X"
+        return tuple(parse.numbers(word, form, "0.485,0.456,0.406", option=name)) if word else None
+
+    kind_, colour_ = kind and DepthKind(kind), colour and Colour(colour)
+    answers = Answers(kind_, colour_, numbers(mean, "mean"), numbers(std, "std"), output)
+    target = None if out is None else path_of(out)
+    card = new_card(path_of(file), target, answers, overwrite=overwrite)
+    for guess in card.guesses:
+        console.warn(f"guessed: {guess}")
+    console.out(one_line(str(card.path)))
+    command = shlex.join(["depthcli", "models", "add", file, "--card", str(card.path)])
+    console.note(one_line(f"check the guesses, then run: {command}"))
     return ExitCode.OK
 
 
@@ -274,6 +322,7 @@ COMMANDS = {
     "remove": remove_models,
     "cards": list_cards,
     "list": list_models,
+    "new-card": write_new_card,
     "show": show_model,
     "verify": verify,
 }
