@@ -202,7 +202,7 @@ def pairs(
         ...,
         metavar="DIR",
         help="Folder with rgb/ and depth/, or in the layout of TUM RGB-D, ScanNet, 7-Scenes, "
-        "3DMatch or KITTI; cameras.csv in it (id,focal_px) states focal lengths.",
+        "3DMatch or KITTI; cameras.csv in it (id,focal_px) states focal lengths. Or a list.txt.",
     ),
     *,
     names: PatternOptions,
