@@ -1,5 +1,6 @@
 """Training data and layouts of data sets as they are distributed."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -20,6 +21,7 @@ from depthcli.lab.datasets.nyu import open_nyu
 from depthcli.lab.datasets.training_data import open_training_data
 from depthcli.lab.training.config import DataConfig
 from depthcli.lab.training.provenance import train_val_split
+from depthcli.models.card import CameraSpec
 from depthcli.models.catalog import find_model
 
 ROOT = Path(__file__).parents[3]
@@ -404,6 +406,7 @@ def test_missing_data_is_an_error(tmp_path: Path, *, paired: bool) -> None:
 def test_a_model_that_learns_pairs_of_any_camera_gives_their_metres(tmp_path: Path) -> None:
     """What it is taught, multiplied as its predictions are, is the depth of the files."""
     card, random = find_model(ROOT / "models/default").card, np.random.default_rng(0)
+    card = replace(card, camera=CameraSpec(63.3))
     names = ("a.png", "b.png", "c.png")
     _image(tmp_path / "rgb", *names, size=(24, 32))
     (tmp_path / "depth").mkdir()
