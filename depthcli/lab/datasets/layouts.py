@@ -8,7 +8,7 @@ and ``depth/`` (ScanNet, Redwood), ``*.color.*`` and ``*.depth.*`` (7-Scenes, 3D
 import os
 import re
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -99,7 +99,7 @@ def list_pairs(root: Path, patterns: tuple[str, str] | None = None) -> Listing:
     has in common; None for the first known layout that fits. ``root`` may be a list of files.
     """
     if root.suffix == ".txt":
-        return Listing(_unique(_listed(root)), f"pairs of {root.name}")
+        return _listed(root)
     if patterns:
         layout = _layout_of(patterns)
         listing = _paired(root, layout, list_files(root))
@@ -107,9 +107,7 @@ def list_pairs(root: Path, patterns: tuple[str, str] | None = None) -> Listing:
             raise DatasetError(f"{root} has no files of one name by {layout.name}")
         return listing
     if tables := sorted(root.glob("assoc*.txt")):
-        return Listing(
-            _unique(_associated(tables[0])), f"TUM RGB-D, by {tables[0].name}", _TUM_UNITS
-        )
+        return _listed(tables[0])
     is_plain = (root / "rgb").is_dir() and (root / "depth").is_dir()
     files = list_files(root, ("rgb", "depth") if is_plain else ("",))
     layouts = (_PLAIN,) if is_plain else _LAYOUTS[1:]
@@ -155,14 +153,6 @@ def matching(root: Path, files: Iterable[str], expression: str) -> dict[str, Pat
             raise DatasetError(f"{paths[name]} and {root / file} share one name: remove one")
         paths[name] = root / file
     return paths
-
-
-def _unique(pairs: Iterable[Pair]) -> tuple[Pair, ...]:
-    by_id = dict[str, Pair]()
-    for pair in pairs:
-        if by_id.setdefault(pair.id, pair) != pair:
-            raise DatasetError(f"{pair.image} is listed twice")
-    return tuple(by_id.values())
 
 
 def _layout_of(patterns: tuple[str, str]) -> Layout:
@@ -233,40 +223,34 @@ def _nearest(stamps: Iterable[str], others: Iterable[str]) -> dict[str, str]:
     return nearest
 
 
-def _rows(table: Path, columns: str, least: int) -> Iterator[list[str]]:
-    """The words of each line that is no comment, at least ``least``."""
-    for line in read_bytes(table).decode("utf-8-sig", "replace").splitlines():
-        words = line.partition("#")[0].split()
-        if words and len(words) < least:
-            raise DatasetError(f"{table}: {line!r} is not {columns}")
-        if words:
-            yield words
-
-
-def _associated(table: Path) -> Iterator[Pair]:
-    """Pairs of TUM's list: time and file of each image, time and file of its depth, or reversed."""
-    for words in _rows(table, "TIME IMAGE TIME DEPTH", 4):
-        order = (3, 1) if "depth" in words[1].lower() else (1, 3)
-        image, depth = (table.parent / words[i] for i in order)
-        yield _pair(table.parent, image.stem, image, depth)
-
-
-def _listed(table: Path) -> Iterator[Pair]:
-    """Pairs of a list, as of BTS and AdaBins: image, depth, and the focal length if it is known.
+def _listed(table: Path) -> Listing:
+    """Pairs of a list: image, depth and focal length, as of BTS; time and file of each, as of TUM.
 
     Paths are relative to the list's folder, also with a slash before them; depth may be ``None``.
     """
-    for words in _rows(table, "IMAGE DEPTH [FOCAL_PX]", 2):
-        image, depth = (table.parent / word.lstrip("/") for word in words[:2])
-        if words[1] == "None":
+    pairs, is_timed = dict[str, Pair](), False
+    for line in read_bytes(table).decode("utf-8-sig", "replace").splitlines():
+        words = line.partition("#")[0].split()
+        if len(words) > 3:  # noqa: PLR2004 - image and depth in either order
+            words, is_timed = sorted(words[1:4:2], key=lambda word: "depth" in word.lower()), True
+        if len(words) == 1:
+            raise DatasetError(f"{table}: {line!r} is not IMAGE DEPTH FOCAL_PX")
+        if not words or words[1] == "None":
             continue
-        name = image.with_suffix("").relative_to(table.parent).as_posix()
-        pair = _pair(table.parent, name, image, depth)
+        image, depth = (table.parent / word.lstrip("/") for word in words[:2])
+        path = image.with_suffix("").relative_to(table.parent)
+        pair = _pair(table.parent, path.name if is_timed else path.as_posix(), image, depth)
         try:
-            yield replace(pair, camera=Intrinsics(float(words[2]))) if words[2:] else pair
+            camera = Intrinsics(float(words[2])) if words[2:] else pair.camera
         except (UsageError, ValueError):
             message = f"{table}: {words[2]!r} is no focal length in pixels"
             raise DatasetError(message) from None
+        pair = replace(pair, camera=camera)
+        if pairs.setdefault(pair.id, pair) != pair:
+            raise DatasetError(f"{table} lists {pair.id} twice")
+    if is_timed:
+        return Listing(tuple(pairs.values()), f"TUM RGB-D, by {table.name}", _TUM_UNITS)
+    return Listing(tuple(pairs.values()), f"pairs of {table.name}")
 
 
 @lru_cache
