@@ -37,10 +37,10 @@ class Pair:
     official_split: str = ""  #: the data set's own: "train", "val", "test", or "" if not known
     image: Path | None = None  #: file of the image, if it is one
     depth: Path | None = None  #: file of the depth, if it is one
-    mask: Path | None = None  #: file that is 0 where the depth does not count, as in DIODE
     camera: Intrinsics = UNKNOWN_CAMERA  #: of the image, in its own pixels
     depth_camera: Intrinsics = UNKNOWN_CAMERA  #: of the depth, if it may have one of its own
     scale: float = 1.0  #: factor on the metres, for training a network for one camera
+    mask: Path | None = None  #: file that is 0 where the depth does not count
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,6 @@ _IMAGE = rf"(?:{'|'.join(map(re.escape, IMAGE_SUFFIXES))})"
 _DEPTH = rf"(?:\.depth)?(?:{'|'.join(map(re.escape, READABLE_SUFFIXES))})"  # as predict names it
 _TUM_LISTS = ("rgb.txt", "depth.txt", "groundtruth.txt")
 _TUM_UNITS = 5000.0
-_MASK_SUFFIXES = (".npy", ".png")
 _PARTS = ("train", "val", "test")  # folders of Ultralytics' data sets
 _TIME = re.compile(r"\d+\.\d+")
 _MOST_APART_S = 0.02  # difference of time stamps up to which TUM's tools pair image and depth
@@ -193,11 +192,11 @@ def _pair(root: Path, name: str, image: Path, depth: Path) -> Pair:
     camera = _camera_near(image.parent, root, _COLOUR_CAMERAS)
     camera = read_calibration(kitti) if kitti.is_file() else camera
     depth_camera = _camera_near(depth.parent, root, _DEPTH_CAMERAS)
-    masks = (depth.with_name(f"{depth.stem}_mask{suffix}") for suffix in _MASK_SUFFIXES)
-    mask = next(filter(Path.is_file, masks), None)
+    file = depth.with_name(f"{depth.stem}_mask.npy")  # of DIODE
+    mask = file if file.is_file() else None
     scene, part = name.rpartition("/")[0], name.partition("/")[0]
     split = part if part in _PARTS else ""
-    return Pair(name, scene, split, image, depth, mask, camera, depth_camera)
+    return Pair(name, scene, split, image, depth, camera, depth_camera, mask=mask)
 
 
 def _nearest_in_time(images: Mapping[str, Path], depths: Mapping[str, Path]) -> dict[str, str]:

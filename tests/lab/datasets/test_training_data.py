@@ -194,6 +194,9 @@ def test_a_pattern_without_a_slash_fits_in_any_folder_and_masks_apply(tmp_path: 
     assert (dataset.depth_m(0) == 2).all()
     assert any("1 file" in note and "_mask" in note for note in dataset.notes)
     assert len(dataset.files(1)) == 3
+    np.save(tmp_path / "deep/a/1_depth_mask.npy", np.ones((3, 8), np.float32))
+    with pytest.raises(DatasetError):
+        dataset.depth_m(1)
 
 
 def test_a_folder_is_named_from_within_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
