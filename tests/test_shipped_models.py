@@ -19,6 +19,8 @@ from depthcli.core.camera import Anchor
 from depthcli.core.types import Frame
 from depthcli.known.points import KnownDepth
 from depthcli.lab.datasets import base as id_ranges
+from depthcli.lab.evaluation.report import mean_of_images
+from depthcli.lab.evaluation.saved import read_report
 from depthcli.models.card import ModelCard
 
 ROOT = Path(__file__).parents[1]
@@ -71,6 +73,16 @@ def _points(model: str, depth_m: np.ndarray) -> KnownDepth | None:
 def test_reproduces_its_stored_output(model: str, upsampling: str) -> None:
     seen_m = _depth(model, upsampling=upsampling).values[::8, ::8]
     assert np.abs(seen_m - np.load(REFERENCES[model, upsampling])).max() < LOSSY_M[model]
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "docs" / "results").glob("val-*.json")), ids=str)
+def test_shipped_reports_have_the_scores_of_each_image(path: Path) -> None:
+    """A reader compares new ones with them: docs/evaluation.md."""
+    report = read_report(path)
+    assert report.image_count == 134
+    for row in report.rows:
+        assert len(row.images) == 134
+        assert mean_of_images(row.images) == pytest.approx(row.scores, abs=2e-6)
 
 
 def _platform() -> str:

@@ -26,7 +26,13 @@ _EXTRAS = {
 # Metavars in help, instead of typer's type names, which depend on its version.
 _PLACEHOLDERS = {"int": "N", "integer": "N", "float": "X", "path": "PATH"}
 _PLACEHOLDERS |= dict.fromkeys(("str", "text"), "TEXT")
-_DEVICE_NAMES = ("--device", "--gpu", "--cuda", "--cpu")
+# Options of other programs, and what stands for them here.
+_DEVICES = dict.fromkeys(("--device", "--gpu", "--cuda", "--cpu"), ("--provider", "--accelerator"))
+_FOREIGN_NAMES = _DEVICES | {
+    "--epochs": ("--set optim.epochs_constant=N and optim.epochs_decay=N",),
+    "--lr": ("--set optim.learning_rate=X",),
+    "--batch-size": ("--set optim.batch_size=N",),
+}
 """Names that other programs have for ``--provider``."""
 
 
@@ -125,9 +131,10 @@ def _usage_text(error: Any) -> str:  # noqa: ANN401 - typer's own types
     context = getattr(error, "ctx", None)
     path = context.command_path if context else table.PROGRAM
     message = error.format_message().strip().rstrip(".")
-    if context and getattr(error, "option_name", None) in _DEVICE_NAMES:
+    foreign = _FOREIGN_NAMES.get(getattr(error, "option_name", None) or "")
+    if context and foreign:
         names = {word for parameter in context.command.params for word in parameter.opts}
-        hints = [f"; give {name}" for name in ("--provider", "--accelerator") if name in names]
+        hints = [f"; give {hint}" for hint in foreign if hint.split()[0] in names]
         message = "".join([f"no such option: {error.option_name}", *hints[:1]])
     return f"{message[0].lower()}{message[1:]}; see '{path} --help'"
 

@@ -2,7 +2,8 @@
 
 A network that was trained on one camera is right up to the ratio of focal lengths: that of the
 image after resizing to that of the training, both in pixels of the network's input. Where
-resizing stretches, the focal length is the geometric mean over both axes.
+resizing stretches, the focal length is the geometric mean over both axes. Of a network that reacts
+to a part of a change in apparent size, it is a power of the ratio, which the card states.
 """
 
 import math
@@ -94,4 +95,5 @@ def metric_scale(card: ModelCard, frame: Frame, layout: Layout, camera: Intrinsi
     elif learned.along is FocalAxis.MEAN:
         factor = (across + down) / 2
     learned_px = learned.focal_px_at(card.input.width)
-    return camera.focal_px * factor / (learned_px * math.sqrt(card.input.pixel_aspect))
+    ratio = camera.focal_px * factor / (learned_px * math.sqrt(card.input.pixel_aspect))
+    return float(ratio**learned.exponent)

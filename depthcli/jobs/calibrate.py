@@ -156,7 +156,8 @@ def _known(request: CalibrationRequest) -> Iterator[tuple[Frame, KnownDepth]]:
 
 def _of_pairs(folder: Path) -> Iterator[tuple[Frame, KnownDepth]]:
     """Images below ``rgb/``, and known depth of the same names below ``depth/``."""
-    images, depth = list_folder(str(folder / "rgb")).media, KnownDepthFiles(str(folder / "depth"))
+    rgb, depth = folder / "rgb", KnownDepthFiles(str(folder / "depth"))
+    images = list_folder(str(rgb)).media if rgb.is_dir() else ()
     if not images:
         advice = "name the images, and the folder of their depth with {anchors}"
         raise UsageError(f"{folder} has no images in rgb/", advice, option="pairs")

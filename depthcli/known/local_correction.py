@@ -27,13 +27,16 @@ _STIFFNESS = 0.3  # weight of no correction, in points
 _STIFFER = 12.0  # how much of it is added where all points are wrong
 _NEIGHBOURS = 0.3  # points near half of the points, from which a scale is used
 
-_EDGES = 0.02  # share of right points beside an edge, where the error is anything
+# Share of right points whose error is anything: those whose depth the map has around them, as
+# beside an edge, and others.
+_AT_EDGES, _ELSEWHERE = 0.1, 0.005
+_AROUND, _ALIKE = 0.02, 0.15  # how far around, in widths of the image, and of how much log depth
 _FREEDOM = 5.0  # of Student's distribution, whose density is _STUDENT at 0
 _STUDENT = 8 / (3 * math.pi * math.sqrt(_FREEDOM))
 _LEAST_SD = 0.02
 _RANGE = 3.0  # of the logarithm of a wrong ratio
 _PRIOR_WRONG, _PRIOR_POINTS = 0.5, 40.0
-_FAR, _FEW = 0.3, 0.04  # points are suspicious if more than this share is this far from the others
+_FAR, _FEW = 0.3, 0.02  # points are suspicious if more than this share is this far from the others
 _ITERATIONS = 8
 _MOST = 30_000  # points; OpenCV samples images at fewer than 32,767
 
@@ -124,12 +127,14 @@ def log_correction(
     aspect = log_depth.shape[0] / log_depth.shape[1]
     levels: Iterable[_Level] = (_Level(scale, at, aspect, low, high) for scale in _SCALES)
     weights = trusted.astype(np.float64)
+    nearest, farthest = _around(log_depth, at)
     for step in range(passes):
         error, levels = _left_out_errors(levels, log_ratio, weights)
         if step == 0:
             far = float((np.abs(error) > _FAR).mean())
             doubt = np.where(trusted, 1.0, min(1.0, (_FEW / max(far, _FEW)) ** 2))
-        weights = _weights(error, doubt)
+        is_around = (error > nearest - _ALIKE) & (error < farthest + _ALIKE)
+        weights = _weights(error, doubt, np.where(is_around, _AT_EDGES, _ELSEWHERE))
     followed[some] = weights > 0.5  # noqa: PLR2004 - right rather than wrong
     weights *= followed[some]
     stiffness = _STIFFNESS * (1 + _STIFFER * float(1 - weights.mean()))
@@ -171,19 +176,32 @@ def _left_out_errors(
     return error, used
 
 
-def _weights(error: _Values, doubt: _Values) -> _Values:
+def _around(log_depth: _Field, at: _Values) -> tuple[_Values, _Values]:
+    """Least and largest log depth of the map around each point, from that at the point: (N,)."""
+    rows, columns = (
+        np.minimum((at[axis] * size).astype(np.int64), size - 1)
+        for axis, size in enumerate(log_depth.shape)
+    )
+    side = 2 * max(1, round(_AROUND * log_depth.shape[1])) + 1
+    window, is_hole = np.ones((side, side), np.uint8), np.isnan(log_depth)
+    least = cv2.erode(np.where(is_hole, np.float32(np.inf), log_depth), window)
+    most = cv2.dilate(np.where(is_hole, np.float32(-np.inf), log_depth), window)
+    return least[rows, columns] - at[2], most[rows, columns] - at[2]
+
+
+def _weights(error: _Values, doubt: _Values, anything: _Values) -> _Values:
     """Probability that each point is right: (N,), by expectation maximization.
 
-    Errors of right points have Student's distribution, but for a few beside edges.
+    Errors of right points have Student's distribution, but for a share of ``anything``: (N,).
     """
     sd = max(float(np.median(np.abs(error))) / 0.75, _LEAST_SD)
     wrong, right = 0.05, np.ones_like(error)
     for _ in range(_ITERATIONS):
         spread = 1 + (error / sd) ** 2 / _FREEDOM
-        inner = (1 - _EDGES) * _STUDENT / sd / (spread * spread * spread)  # ** 3 is much slower
-        likely = doubt * (1 - wrong) * (inner + _EDGES / _RANGE)
+        inner = (1 - anything) * _STUDENT / sd / (spread * spread * spread)  # ** 3 is much slower
+        likely = doubt * (1 - wrong) * (inner + anything / _RANGE)
         right = likely / (likely + wrong / _RANGE)
-        surface = right * inner / (inner + _EDGES / _RANGE)
+        surface = right * inner / (inner + anything / _RANGE)
         heavy = surface * (1 + 1 / _FREEDOM) / spread
         sd = max(math.sqrt(float((heavy * error**2).sum() / surface.sum())), _LEAST_SD)
         wrong = (float((1 - right).sum()) + _PRIOR_WRONG) / (len(error) + _PRIOR_POINTS)

@@ -55,6 +55,7 @@ class Crop(StrEnum):
 
     NONE = "none"  #: the full frame
     EIGEN = "eigen"  #: rows 45 to 470 and columns 41 to 600 of 480×640
+    S2D = "s2d"  #: 304×228 pixels in the middle of 320×240, as in papers on depth completion
     GARG = "garg"  #: the lower and middle part of KITTI's images, at any size
 
 

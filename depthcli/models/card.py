@@ -212,6 +212,9 @@ class CameraSpec:
     hfov_deg: Annotated[float, HFOV_DEG] | None = None
     focal_px: _Ratio | None = None  #: focal length in pixels of the network's input
     along: FocalAxis = FocalAxis.BOTH  #: where resizing stretches, the axis that counts
+    #: power of the ratio of focal lengths that metres are multiplied by: below 1 of a network that
+    #: reacts to a part of a change in apparent size
+    exponent: _Ratio = 1.0
     #: name of the output that is the image's horizontal field of view in degrees, (N,)
     hfov_output: Text | None = None
 

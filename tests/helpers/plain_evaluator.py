@@ -100,6 +100,16 @@ def metrics(pairs: Pairs) -> dict[str, float]:
     }
 
 
+def optional_metrics(pairs: Pairs) -> dict[str, float]:
+    return {
+        "mae": mean([abs(g - p) for g, p in pairs]),
+        "imae": 1000 * mean([abs(1 / g - 1 / p) for g, p in pairs]),
+        "irmse": 1000 * math.sqrt(mean([(1 / g - 1 / p) ** 2 for g, p in pairs])),
+        "d105": mean([float(max(g / p, p / g) < 1.05) for g, p in pairs]),
+        "d110": mean([float(max(g / p, p / g) < 1.10) for g, p in pairs]),
+    }
+
+
 def average(images: Sequence[Pairs], *, pooled: bool = False) -> dict[str, float]:
     if pooled:
         return metrics([pair for pairs in images for pair in pairs])

@@ -54,6 +54,16 @@ def test_metres_follow_the_focal_length_that_the_network_sees(
     assert depth.values[0, 0] == pytest.approx(seen_px / LEARNED_PX, rel=1e-6)
 
 
+def test_metres_follow_the_focal_length_as_far_as_the_network_does(tmp_path: Path) -> None:
+    """Issue 56: the whole ratio put images through twice the focal length 17 % too far."""
+    pipeline = model(tmp_path, camera={"hfov_deg": 60.0, "exponent": 0.75})
+    near, far = (
+        pipeline.predict(black(40, 30), Intrinsics(focal_px=focal_px)).depth.values
+        for focal_px in (25, 50)
+    )
+    np.testing.assert_allclose(far / near, 2**0.75, rtol=1e-6)
+
+
 @pytest.mark.parametrize("fit", FITS)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_assumed_camera_counts_as_if_it_had_been_given(

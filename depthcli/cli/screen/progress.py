@@ -66,9 +66,21 @@ class Stage:
             rate = worked / max(time.monotonic() - self._start_s, 1e-9)
             parts.append(f"{rate:.{1 if rate >= _FAST else 2}f}{self._per_second}")
             if self._total is not None:
-                minutes, seconds = divmod(round(max(0, self._total - self._done) / rate), 60)
-                parts.append(f"{minutes}:{seconds:02} to go")
+                parts.append(f"{time_text(max(0, self._total - self._done) / rate)} to go")
         return "  ".join([*parts, self.note] if self.note else parts)
+
+
+def time_text(seconds: float) -> str:
+    """Minutes and seconds; of an hour or more, hours and minutes, and of a day or more, days.
+
+    >>> time_text(95), time_text(5_000), time_text(10_183_500)
+    ('1:35', '1 h 23 min', '117 d 20 h')
+    """
+    minutes, rest = divmod(round(seconds), 60)
+    hours, days = minutes // 60, minutes // 1440
+    if days:
+        return f"{days} d {hours % 24} h"
+    return f"{hours} h {minutes % 60} min" if hours else f"{minutes}:{rest:02}"
 
 
 class ProgressDisplay(NamedTuple):

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 class ProtocolDetail(groups.DetailOptions):
     """Metrics."""
 
-    upsample: choices.Upsampling = groups.option(
-        "Upsampling of the models' depth: bilinear as in the protocol, or guided as in predict.",
-        default=choices.Upsampling.BILINEAR,
+    upsample: choices.Upsampling | None = groups.option(  # type: ignore[assignment]
+        "Upsampling of the models' depth: bilinear as in the protocol (default), or guided as in "
+        "predict (default with --boundary)."
     )
 
 
@@ -132,7 +132,11 @@ class TableOptions:
         "Also score pixels by true distance, images by kind of scene, or the worst; repeatable."
     )
     limit: int | None = groups.option(
-        "Evaluate only N images, spread evenly over the split.", metavar="N", min=1
+        "Evaluate only N images, spread evenly over the split.",
+        "--limit",
+        "--images",
+        metavar="N",
+        min=1,
     )
     runtime: groups.RuntimeOptions
     figures: Path | None = groups.option(
@@ -140,8 +144,9 @@ class TableOptions:
     )
     ids: str | None = groups.option("Image ids to show in the figures.", metavar="A,B")
     metric: list[str] | None = groups.option(
-        "Your own metric, a function of true and predicted metres; repeatable.",
-        metavar="MODULE:NAME",
+        "A further metric: mae, imae, irmse, d105, d110, or your own function of true and "
+        "predicted metres; repeatable.",
+        metavar="NAME|MODULE:NAME",
     )
     report: ReportOptions
 
@@ -182,7 +187,9 @@ def nyu(
         SplitName.PAPER,
         help="paper: 1-1000 train, 1001-1449 test. official: 795/654. val: scenes of 1-1000.",
     ),
-    crop: Crop = typer.Option(Crop.NONE, help="eigen: rows 45:471, columns 41:601 only."),
+    crop: Crop = typer.Option(
+        Crop.NONE, help="eigen: rows 45:471, columns 41:601. s2d: 304×228 of 320×240."
+    ),
     mask: Mask = typer.Option(Mask.FILLED, help="raw: only where the sensor measured depth."),
     trivial: _TrivialOption = True,
     table: TableOptions,
@@ -202,7 +209,7 @@ def pairs(
         ...,
         metavar="DIR",
         help="Folder with rgb/ and depth/, or in the layout of TUM RGB-D, ScanNet, 7-Scenes, "
-        "3DMatch or KITTI; cameras.csv in it (id,focal_px) states focal lengths.",
+        "3DMatch or KITTI; cameras.csv in it (id,focal_px) states focal lengths. Or a list.txt.",
     ),
     *,
     names: PatternOptions,
@@ -277,15 +284,24 @@ def compare(
     first: Path = typer.Argument(..., metavar="A.json", help="A report of eval --json."),
     second: Path = typer.Argument(..., metavar="B.json", help="Another one, of the same data."),
     *,
+    tolerance: float | None = typer.Option(
+        None,
+        callback=groups.positive,
+        metavar="SHARE",
+        help="State whether A is consistent with B: the intervals of all differences are within "
+        "this share of B's scores. Exit code 1 if not.",
+    ),
     report: ReportOptions,
 ) -> int:
     """Compare two reports that were kept, paired where they have scores of the same images."""
-    from depthcli.lab.evaluation.saved import compare_reports
+    from depthcli.lab.evaluation.saved import check_consistency, compare_reports
     from depthcli.lab.jobs.evaluate import EvalResult
 
-    files = report.files()
-    report.show(EvalResult(compare_reports(first, second)), files)
-    return ExitCode.OK
+    files, table, is_consistent = report.files(), compare_reports(first, second), True
+    if tolerance is not None:
+        table, is_consistent = check_consistency(table, tolerance)
+    report.show(EvalResult(table), files)
+    return ExitCode.OK if is_consistent else ExitCode.SOME_FAILED
 
 
 def _request(
@@ -315,12 +331,15 @@ def _request(
         baseline_m = None
     workers, threads = share_cores(models.workers, table.runtime.threads)
     size_px = models.compare_at
+    usual = choices.Upsampling.GUIDED if models.boundary else choices.Upsampling.BILINEAR
+    upsampling = models.detail.upsample or usual
+    detail = replace(models.detail, upsample=upsampling)
     protocol = replace(
         protocol,
         averaging=models.average,
         compare_px=None if size_px is None else (size_px, size_px),
-        upsampling=models.detail.upsample,
-        tile_px=parse.detail(models.detail).tile_px,
+        upsampling=upsampling,
+        tile_px=parse.detail(detail).tile_px,
         boundary=models.boundary,
     )
     options = {"trivial": trivial, "per_image": models.per_image, "workers": workers}
@@ -340,11 +359,14 @@ def _request(
 def _run(request: "EvalRequest", table: TableOptions) -> int:
     from depthcli.cli.screen.progress import show_progress
     from depthcli.lab.jobs.evaluate import run_evaluation
-    from depthcli.lab.metrics.depth import add_metric
+    from depthcli.lab.metrics.depth import METRICS, OPTIONAL, add_metric
     from depthcli.lab.training.plugins import imported
 
     for name in table.metric or ():
-        add_metric(name.rpartition(":")[2], imported(name))
+        if name in OPTIONAL:
+            METRICS[name] = OPTIONAL[name]
+        else:
+            add_metric(name.rpartition(":")[2], imported(name))
     screen, files = table.report.screen, table.report.files(table.figures)
     with show_progress(silent=screen.quiet or screen.as_json) as progress:
         warn = console.warn if not screen.quiet else lambda _text: None

@@ -52,6 +52,13 @@ class CardOptions:
         callback=groups.positive,
         metavar="FACTOR",
     )
+    focal_exponent: float = groups.option(
+        "Power of the ratio of focal lengths by which metres follow an image's camera, as measured "
+        "on crops of held-out images (docs/cameras.md).",
+        default=1.0,
+        callback=groups.positive,
+        metavar="POWER",
+    )
     float_model: str | None = groups.option(
         "With --int8: name of the same model in floats, for GPUs and OpenVINO.",
         metavar="NAME",

@@ -16,7 +16,7 @@ class PatternOptions:
 
     rgb: str | None = option(
         "Names of the images in any other layout, with * for the part that an image and its depth "
-        "share: '*.color.png', '*/left/*.png'.",
+        "share: '*.color.png' (in any folder), '*/left/*.png'.",
         metavar="PATTERN",
     )
     depth: str | None = option(

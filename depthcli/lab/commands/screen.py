@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from depthcli.cli.screen import console
-from depthcli.cli.screen.progress import Stage, show_progress
+from depthcli.cli.screen.progress import Stage, show_progress, time_text
+from depthcli.errors import Message
 from depthcli.lab.jobs.train import TrainResult
 from depthcli.lab.metrics.depth import finite_or_none
 from depthcli.lab.training.callbacks import Callback
@@ -18,6 +19,7 @@ from depthcli.lab.training.config import TrainConfig
 from depthcli.lab.training.provenance import TrainState
 
 _SHOWN = ("abs_rel", "rmse", "d1")
+_TIMED_S, _LONG_S = 10, 12 * 3600
 
 
 @contextmanager
@@ -63,21 +65,37 @@ class EpochCallback(Callback):
         self._stack, self._run, self._as_json = stack, run, as_json
         self._steps, self._losses = 0, dict[str, float]()
         self._stage: Stage | None = None
+        self._begun_s, self._timed, self._is_timed = time.monotonic(), 0, False
 
     def on_train_start(self, warnings: tuple[str, ...]) -> None:
         """Warn of what the user may not expect of data, validation and init weights."""
         console.warn_all(warnings)
+        self._begun_s = time.monotonic()
 
     def on_step_end(self, state: TrainState, steps: int, losses: dict[str, float]) -> None:
         """Advance the bar; the time of the first step is not measured."""
         self._losses = losses
+        self._say_duration(steps - state.step)
         if self._stage is None:
-            silent = self._as_json or not sys.stderr.isatty()
-            progress = self._stack.enter_context(show_progress(silent=silent))
+            progress = self._stack.enter_context(show_progress(silent=self._as_json))
             self._steps, self._stage = steps, progress.begin("training", steps, "steps")
             self._stage.skip(state.step)
         else:
             self._stage(1)
+
+    def _say_duration(self, left: int) -> None:
+        """Print once, after the steps of ten seconds, how long the others take."""
+        self._timed += 1
+        passed_s = time.monotonic() - self._begun_s
+        if self._is_timed or passed_s < _TIMED_S or not left:
+            return
+        self._is_timed, left_s = True, left * passed_s / self._timed
+        text = f"the {left} steps to go take about {time_text(left_s)} here"
+        if left_s > _LONG_S:
+            advice = "use a GPU, or {preset} reduced, which takes about an hour on two CPU cores"
+            console.warn(Message(text, advice))
+        elif not self._as_json:
+            console.note(text)
 
     def on_epoch_end(self, state: TrainState) -> None:
         """Print scores, and the losses of the last step; as text also rate and remaining time."""

@@ -40,6 +40,7 @@ class Pair:
     camera: Intrinsics = UNKNOWN_CAMERA  #: of the image, in its own pixels
     depth_camera: Intrinsics = UNKNOWN_CAMERA  #: of the depth, if it may have one of its own
     scale: float = 1.0  #: factor on the metres, for training a network for one camera
+    mask: Path | None = None  #: file that is 0 where the depth does not count
 
 
 @dataclass(frozen=True)
@@ -79,8 +80,9 @@ class DepthDataset(ABC):
         return focals_px if len(focals_px) == len(self) else ()
 
     def files(self, i: int) -> list[Path]:
-        """Image and depth of pair ``i``, as far as they are files."""
-        return [path for path in (self.pairs[i].image, self.pairs[i].depth) if path]
+        """Image, depth and mask of pair ``i``, as far as they are files."""
+        pair = self.pairs[i]
+        return [path for path in (pair.image, pair.depth, pair.mask) if path]
 
     def subset(self, positions: Iterable[int]) -> Self:
         """The pairs at some positions, in their order."""

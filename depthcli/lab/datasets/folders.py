@@ -103,6 +103,11 @@ class FolderDataset(DepthDataset):
         """Depth of pair ``i`` in the view of its image: (H, W) float32 metres, 0 = none."""
         pair = self.pairs[i]
         depth_m = metres(self.stored(i)) * np.float32(pair.scale)
+        if pair.mask is not None:
+            try:
+                depth_m[np.squeeze(np.load(pair.mask)) == 0] = 0
+            except (EOFError, IndexError, OSError, ValueError) as error:
+                raise DatasetError(f"{pair.mask} is no mask of {pair.depth}") from error
         if not self.paired:
             return depth_m
         return in_view(depth_m, pair, self._image_shape(i, depth_m.shape))
@@ -240,6 +245,8 @@ def open_paired_folder(
     first = dataset.stored(0)
     unit = first.unit_text if units is None else f"{step_unit(units)}, by the layout"
     notes = [f"truth: {listing.layout}, depth in {unit}"]
+    if masks := sum(pair.mask is not None for pair in dataset.pairs):
+        notes.append(f"masks of validity: {masks} files *_mask beside the depth")
     if listing.left_out:
         notes.append(f"{listing.left_out} files without a partner are left out")
     shape = first.displayed.values.shape
@@ -247,7 +254,7 @@ def open_paired_folder(
         notes.append(f"depth of {shape[1]}×{shape[0]} is compared in the view of the images")
     if not dataset.focal_px:
         notes.append("focal length: what EXIF states, else what each model assumes")
-    _check_unit(dataset, plausible_m)
+    check_unit(dataset, path, plausible_m)
     warnings = (*first.warnings_with_scale("png_scale"), *unfit)
     return replace(dataset, notes=tuple(notes), warnings=warnings)
 
@@ -266,22 +273,26 @@ def _with_cameras(path: Path, pairs: tuple[Pair, ...]) -> tuple[Pair, ...]:
     return tuple(replace(pair, camera=lenses[pair.id]) for pair in pairs)
 
 
-def open_unpaired_folder(path: Path, reading: DepthReadOptions = AS_STATED) -> FolderDataset:
-    """Images of ``rgb/`` and depth of ``depth/``, of any names; the shorter list is repeated."""
-    images, depths = layouts.list_unpaired(path)
+def open_unpaired_folder(
+    path: Path,
+    reading: DepthReadOptions = AS_STATED,
+    patterns: tuple[str, str] | None = None,
+) -> FolderDataset:
+    """Images and depth of any names, by :func:`layouts.list_unpaired`; the shorter is repeated."""
+    images, depths = layouts.list_unpaired(path, patterns)
     count = max(len(images), len(depths))
     files = islice(zip(cycle(images), cycle(depths), strict=False), count)
     pairs = (Pair(f"{image.name} {depth.name}", image=image, depth=depth) for image, depth in files)
     dataset = FolderDataset(tuple(pairs), path, reading, paired=False)
-    _check_unit(dataset, PLAUSIBLE_M)
+    check_unit(dataset, path, PLAUSIBLE_M)
     return replace(dataset, warnings=dataset.stored(0).warnings_with_scale("png_scale"))
 
 
-def _check_unit(dataset: FolderDataset, range_m: tuple[float, float]) -> None:
+def check_unit(dataset: DepthDataset, path: Path, range_m: tuple[float, float]) -> None:
     """Check the unit of depth by the medians of some maps."""
     maps_m = map(dataset.depth_m, sample_positions(len(dataset)))
     medians = [float(np.median(d[d > 0])) for d in maps_m if (d > 0).any()]
     typical_m, (low_m, high_m) = float(np.median(medians or [0])), range_m
     if not low_m <= typical_m <= high_m:
         message = f"a median depth of {typical_m:.3g} m, outside {low_m:g}-{high_m:g} m"
-        raise DatasetError(f"{dataset.root} has {message}", _UNIT_ADVICE)
+        raise DatasetError(f"{path} has {message}", _UNIT_ADVICE)

@@ -1,13 +1,15 @@
 """Layouts of folders with pairs: which files are the image and the depth of one pair.
 
 Known by their names: ``rgb/`` and ``depth/`` (also with time stamps, as in TUM RGB-D), ``color/``
-and ``depth/`` (ScanNet, Redwood), ``*.color.*`` and ``*.depth.*`` (7-Scenes, 3DMatch), and KITTI.
+and ``depth/`` (ScanNet, Redwood), ``*.color.*`` and ``*.depth.*`` (7-Scenes, 3DMatch), and KITTI;
+``trainA/`` and ``trainB/`` of unpaired images and depth; or a list of files in place of a folder.
 """
 
 import os
 import re
 from bisect import bisect_left
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +18,7 @@ from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.errors import DatasetError, UsageError
 from depthcli.io.calibration import read_calibration
 from depthcli.io.formats.table import READABLE_SUFFIXES
+from depthcli.io.storage.paths import read_bytes
 from depthcli.lab.datasets.base import Pair
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
@@ -51,6 +54,11 @@ class Listing(NamedTuple):
 
 
 _PLAIN = Layout("rgb/ and depth/", rf"rgb/(.+){_IMAGE}", rf"depth/(.+?){_DEPTH}")
+_UNPAIRED = Layout(
+    "rgb/ and depth/, or trainA/ and trainB/",
+    rf"(?:rgb|trainA)/(.+){_IMAGE}",
+    rf"(?:depth|trainB)/(.+?){_DEPTH}",
+)
 _LAYOUTS = (
     _PLAIN,
     Layout(
@@ -87,17 +95,18 @@ def list_pairs(root: Path, patterns: tuple[str, str] | None = None) -> Listing:
     """Pair the images of a folder with their depth.
 
     ``patterns`` are those of the paths of images and of depth, where ``*`` stands for what a pair
-    has in common; None for the first known layout that fits.
+    has in common; None for the first known layout that fits. ``root`` may be a list of files.
     """
+    if root.suffix == ".txt":
+        return _listed(root)
     if patterns:
-        image, depth = map(_expression, patterns)
-        layout = Layout(f"{patterns[0]} and {patterns[1]}", image, depth)
+        layout = _layout_of(patterns)
         listing = _paired(root, layout, list_files(root))
         if not listing.pairs:
             raise DatasetError(f"{root} has no files of one name by {layout.name}")
         return listing
     if tables := sorted(root.glob("assoc*.txt")):
-        return Listing(_associated(tables[0]), f"TUM RGB-D, by {tables[0].name}", _TUM_UNITS)
+        return _listed(tables[0])
     is_plain = (root / "rgb").is_dir() and (root / "depth").is_dir()
     files = list_files(root, ("rgb", "depth") if is_plain else ("",))
     layouts = (_PLAIN,) if is_plain else _LAYOUTS[1:]
@@ -109,12 +118,15 @@ def list_pairs(root: Path, patterns: tuple[str, str] | None = None) -> Listing:
     raise DatasetError(message, "name its files with {rgb} and {depth}")
 
 
-def list_unpaired(root: Path) -> tuple[list[Path], list[Path]]:
-    """Images of ``rgb/`` and depth files of ``depth/``, sorted by name."""
-    files = list_files(root, ("rgb", "depth"))
-    images, depths = (matching(root, files, e) for e in (_PLAIN.image, _PLAIN.depth))
+def list_unpaired(
+    root: Path, patterns: tuple[str, str] | None = None
+) -> tuple[list[Path], list[Path]]:
+    """Images and depth files of patterns, or of ``rgb/`` and ``depth/``, sorted by name."""
+    layout = _layout_of(patterns) if patterns else _UNPAIRED
+    files = list_files(root)
+    images, depths = (matching(root, files, e) for e in (layout.image, layout.depth))
     if not (images and depths):
-        raise DatasetError(f"{root} has no images in rgb/, or no depth files in depth/")
+        raise DatasetError(f"{root} has no images or no depth in {layout.name}")
     return [images[name] for name in sorted(images)], [depths[name] for name in sorted(depths)]
 
 
@@ -142,13 +154,19 @@ def matching(root: Path, files: Iterable[str], expression: str) -> dict[str, Pat
     return paths
 
 
+def _layout_of(patterns: tuple[str, str]) -> Layout:
+    image, depth = map(_expression, patterns)
+    return Layout(" and ".join(patterns), image, depth)
+
+
 def _expression(pattern: str) -> str:
-    """The expression of a pattern with ``*`` and ``?``."""
+    """The expression of a pattern with ``*`` and ``?``; one without ``/`` fits in any folder."""
     if "*" not in pattern:
         raise UsageError(f"{pattern} has no * for the names of the pairs")
-    words = {"**": "(.*)", "*": "([^/]*)", "?": "[^/]"}
-    parts = re.split(r"(\*\*|\*|\?)", pattern.removeprefix("./"))
-    return "".join(words.get(part) or re.escape(part) for part in parts)
+    words = {"**/": "(?:(.*)/)?", "**": "(.*)", "*": "([^/]*)", "?": "[^/]"}
+    parts = re.split(r"(\*\*/|\*\*|\*|\?)", pattern.removeprefix("./"))
+    anywhere = "" if "/" in pattern else words["**/"]  # as in ``--include``
+    return anywhere + "".join(words.get(part) or re.escape(part) for part in parts)
 
 
 def _paired(root: Path, layout: Layout, files: list[str]) -> Listing:
@@ -170,13 +188,15 @@ def _paired(root: Path, layout: Layout, files: list[str]) -> Listing:
 
 
 def _pair(root: Path, name: str, image: Path, depth: Path) -> Pair:
-    kitti = image.parent.with_name("intrinsics") / f"{image.stem}.txt"  # of its selection
+    kitti = image.parent / "../intrinsics" / f"{image.stem}.txt"  # of its selection
     camera = _camera_near(image.parent, root, _COLOUR_CAMERAS)
     camera = read_calibration(kitti) if kitti.is_file() else camera
     depth_camera = _camera_near(depth.parent, root, _DEPTH_CAMERAS)
+    file = depth.with_name(f"{depth.stem}_mask.npy")  # of DIODE
+    mask = file if file.is_file() else None
     scene, part = name.rpartition("/")[0], name.partition("/")[0]
     split = part if part in _PARTS else ""
-    return Pair(name, scene, split, image, depth, camera, depth_camera)
+    return Pair(name, scene, split, image, depth, camera, depth_camera, mask=mask)
 
 
 def _nearest_in_time(images: Mapping[str, Path], depths: Mapping[str, Path]) -> dict[str, str]:
@@ -202,19 +222,34 @@ def _nearest(stamps: Iterable[str], others: Iterable[str]) -> dict[str, str]:
     return nearest
 
 
-def _associated(table: Path) -> tuple[Pair, ...]:
-    """Pairs of TUM's list: time and file of each image, time and file of its depth, or reversed."""
-    pairs = []
-    for line in table.read_text("utf-8", "replace").splitlines():
-        words = line.split()
-        if not words or words[0].startswith("#"):
+def _listed(table: Path) -> Listing:
+    """Pairs of a list: image, depth and focal length, as of BTS; time and file of each, as of TUM.
+
+    Paths are relative to the list's folder, also with a slash before them; depth may be ``None``.
+    """
+    pairs, is_timed = dict[str, Pair](), False
+    for line in read_bytes(table).decode("utf-8-sig", "replace").splitlines():
+        words = line.partition("#")[0].split()
+        if len(words) > 3:  # noqa: PLR2004 - image and depth in either order
+            words, is_timed = sorted(words[1:4:2], key=lambda word: "depth" in word.lower()), True
+        if len(words) == 1:
+            raise DatasetError(f"{table}: {line!r} is not IMAGE DEPTH FOCAL_PX")
+        if not words or words[1] == "None":
             continue
-        if len(words) < 4:  # noqa: PLR2004
-            raise DatasetError(f"{table}: {line!r} is not TIME IMAGE TIME DEPTH")
-        order = (3, 1) if "depth" in words[1].lower() else (1, 3)
-        image, depth = (table.parent / words[i] for i in order)
-        pairs.append(_pair(table.parent, image.stem, image, depth))
-    return tuple(pairs)
+        image, depth = (table.parent / word.lstrip("/") for word in words[:2])
+        path = image.with_suffix("").relative_to(table.parent)
+        pair = _pair(table.parent, path.name if is_timed else path.as_posix(), image, depth)
+        try:
+            camera = Intrinsics(float(words[2])) if words[2:] else pair.camera
+        except (UsageError, ValueError):
+            message = f"{table}: {words[2]!r} is no focal length in pixels"
+            raise DatasetError(message) from None
+        pair = replace(pair, camera=camera)
+        if pairs.setdefault(pair.id, pair) != pair:
+            raise DatasetError(f"{table} lists {pair.id} twice")
+    if is_timed:
+        return Listing(tuple(pairs.values()), f"TUM RGB-D, by {table.name}", _TUM_UNITS)
+    return Listing(tuple(pairs.values()), f"pairs of {table.name}")
 
 
 @lru_cache

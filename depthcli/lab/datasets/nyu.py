@@ -10,6 +10,7 @@ Images", ECCV 2012.
 """
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -70,17 +71,29 @@ def open_mat(path: Path) -> NyuMat:
         raise DatasetError("reading a .mat file needs h5py: pip install h5py") from error
     try:
         file = h5py.File(path, "r")
-        count = min(len(file[name]) for name in ("images", "depths"))
         references = np.ravel(file["scenes"][()])
         scenes = ["".join(map(chr, np.ravel(file[reference][()]))) for reference in references]
+        _check_arrays(file, len(scenes))
     except _DAMAGED as error:
         advice = f"fetch it again if it was cut short (it has {_WHOLE})"
         raise DatasetError(f"{path} is not a complete {MAT_NAME}", advice) from error
     table, pairs = path.with_name(INDEX_NAME), []
     index = read_index(table) if table.is_file() else {}
-    for name, scene in zip((f"{i:04d}" for i in range(count)), scenes, strict=True):
+    for i, scene in enumerate(scenes):
+        name = f"{i:04d}"
         pairs.append(Pair(name, scene, index.get(name, Pair(name)).official_split))
-    return NyuMat(tuple(pairs), path, file)
+    dataset = NyuMat(tuple(pairs), path, file)
+    folders.check_unit(dataset, path, PLAUSIBLE_M)
+    return dataset
+
+
+def _check_arrays(file: Mapping[str, Any], count: int) -> None:
+    """ValueError if the arrays are not of this many pairs, of one size, or hold something else."""
+    arrays = [file["images"], file["depths"], file.get("rawDepths", file["depths"])]
+    shapes = {(count, *arrays[0].shape[-2:])}.union((len(a), *a.shape[-2:]) for a in arrays)
+    kinds = "".join(array.dtype.kind for array in arrays)
+    if len(shapes) > 1 or kinds != "uff" or arrays[0].shape[1] != 3:  # noqa: PLR2004
+        raise ValueError
 
 
 def located_nyu(path: Path) -> Path:

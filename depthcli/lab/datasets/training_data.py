@@ -64,13 +64,13 @@ def open_training_data(
 ) -> TrainingData:
     """Open a data set to train on: NYU Depth v2, another of ``LAYOUTS``, or pairs of your own.
 
-    If images need not be ``paired`` with depth, ``rgb/`` and ``depth/`` may differ in names and
-    sizes. Of your own pairs, whose depth has ``units_per_metre``, the ``official`` split is what an
-    index.csv calls "train", and ``paper`` is all of them.
+    If images need not be ``paired`` with depth, they may differ in names and sizes. Of your own
+    pairs, whose depth has ``units_per_metre``, the ``official`` split is what an index.csv calls
+    "train", and ``paper`` is all of them.
     """
     path = nyu.located_nyu(path)
     reading = DepthReadOptions(scale=None if units_per_metre == MILLIMETRES else units_per_metre)
-    if not patterns and (not path.is_dir() or nyu.is_nyu(path)):
+    if not (patterns or path.suffix == ".txt") and (not path.is_dir() or nyu.is_nyu(path)):
         _refuse_unit(path, reading)
         if (path / folders.CAMERAS_NAME).is_file():
             advice = f"remove {folders.CAMERAS_NAME}, or rename the pairs if they are your own"
@@ -79,8 +79,8 @@ def open_training_data(
             )
         title = NYU_OFFICIAL if split == "official" else NYU_PAPER
         data = TrainingData(nyu.open_nyu(path), title, NYU_HFOV_DEG)
-    elif not (paired or patterns or opener_of(path) or _are_pairs(path)):
-        lists = folders.open_unpaired_folder(path, reading)
+    elif not (paired or opener_of(path) or _are_pairs(path, patterns)):
+        lists = folders.open_unpaired_folder(path, reading, patterns)
         title = f"own images and depth, unpaired ({path.resolve().name})"
         data = TrainingData(lists, title, None)
     else:
@@ -113,10 +113,10 @@ def _refuse_unit(path: Path, reading: DepthReadOptions) -> None:
         raise DatasetError(f"{path} is a data set whose unit is known", advice)
 
 
-def _are_pairs(path: Path) -> bool:
+def _are_pairs(path: Path, patterns: tuple[str, str] | None) -> bool:
     """Whether images and depth are named in pairs, and the first is of one view."""
     try:
-        pair = layouts.list_pairs(path).pairs[0]
+        pair = layouts.list_pairs(path, patterns).pairs[0]
     except DatasetError:
         return False
     dataset = folders.FolderDataset((pair,), path)

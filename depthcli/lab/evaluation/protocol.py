@@ -17,6 +17,12 @@ from depthcli.lab.options import Alignment, Averaging, Crop, Mask
 EIGEN_ROWS = slice(45, 471)
 EIGEN_COLUMNS = slice(41, 601)
 FULL_SIZE_PX = (640, 480)
+S2D_PX = (320, 240)
+_S2D_ROWS, _S2D_COLUMNS = slice(12, 468), slice(16, 624)
+"""The middle of images of half the size.
+
+Source: Ma and Karaman, "Sparse-to-Dense", ICRA 2018.
+"""
 _GARG_ROWS, _GARG_COLUMNS = (0.40810811, 0.99189189), (0.03594771, 0.96405229)
 """Shares of an image of KITTI.
 
@@ -55,6 +61,12 @@ class EvalProtocol:
     boundary: bool = field(default=False, compare=False)
 
     @property
+    def size_px(self) -> tuple[int, int] | None:
+        """Width and height at which both are compared; None for truth's."""
+        is_half = self.compare_px is None and self.crop is Crop.S2D
+        return S2D_PX if is_half else self.compare_px
+
+    @property
     def name(self) -> str:
         """Short name: "headline", or what differs from it."""
         tile = "3/4 of the width" if self.tile_px == AUTO_TILE else f"{self.tile_px} px"
@@ -78,7 +90,7 @@ class EvalProtocol:
         filled = "known depth" if self.full_size_px is None else "in-filled depth"
         truth = filled if self.mask is Mask.FILLED else "raw-valid depth"
         average = "mean of images" if self.averaging is Averaging.IMAGE else "pooled pixels"
-        size = _size_text(self.compare_px or self.full_size_px)
+        size = _size_text(self.size_px or self.full_size_px)
         return f"{truth}, {frame} at {size}, {self.min_m:g} < g < {self.max_m:g} m, {average}"
 
     def truth(self, depth_m: Float32Array, raw_depth_m: Float32Array | None = None) -> Truth:
@@ -94,9 +106,9 @@ class EvalProtocol:
             valid &= raw_depth_m > 0
         if self.crop is not Crop.NONE:
             valid &= _crop(self.crop, depth_m.shape)
-        if self.compare_px is not None:
-            valid = resize_bilinear(valid.astype(np.float32), *self.compare_px) > _MIN_VALID_WEIGHT
-            depth_m = resize_bilinear(depth_m, *self.compare_px)
+        if size_px := self.size_px:
+            valid = resize_bilinear(valid.astype(np.float32), *size_px) > _MIN_VALID_WEIGHT
+            depth_m = resize_bilinear(depth_m, *size_px)
         return Truth(valid, _select(depth_m, valid))
 
     def compare(self, depth: DepthMap, truth: Truth, alignment: Alignment) -> DepthPixels:
@@ -152,10 +164,12 @@ def _size_text(size_px: tuple[int, int] | None) -> str:
 def _crop(crop: Crop, shape: tuple[int, ...]) -> BoolArray:
     inside = np.zeros(shape, np.bool_)
     part: tuple[slice, ...] = (EIGEN_ROWS, EIGEN_COLUMNS)
+    if crop is Crop.S2D:
+        part = (_S2D_ROWS, _S2D_COLUMNS)
     if crop is Crop.GARG:
         sides = zip((_GARG_ROWS, _GARG_COLUMNS), shape, strict=True)
         part = tuple(slice(int(low * size), int(high * size)) for (low, high), size in sides)
     elif shape[::-1] != FULL_SIZE_PX:
-        raise DatasetError(f"the Eigen crop is defined at {_size_text(FULL_SIZE_PX)} only")
+        raise DatasetError(f"the crop {crop} is defined at {_size_text(FULL_SIZE_PX)} only")
     inside[part] = True
     return inside

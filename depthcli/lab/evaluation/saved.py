@@ -108,6 +108,42 @@ def compare_reports(first: Path, second: Path) -> table.EvalReport:
     )
 
 
+def check_consistency(report: table.EvalReport, tolerance: float) -> tuple[table.EvalReport, bool]:
+    """The report of a comparison with a note on each model, and whether all are consistent.
+
+    A row is consistent with that of its name in the other report, or with each if none has its
+    name, if the intervals of all differences lie within a share of the other's scores.
+    """
+    scores = {(row.name, row.alignment): row.scores for row in report.rows}
+    of_one = list(filter(_is_of_one, report.differences))
+    notes, is_consistent = [], True
+    for difference in of_one or report.differences:
+        reference = scores[difference.other, difference.alignment]
+        apart = [
+            f"{name} by {interval.mean:+.4f} ({interval.low:+.4f} to {interval.high:+.4f})"
+            for name, interval in zip(METRICS, difference.intervals, strict=True)
+            if _is_apart(interval, tolerance * reference[name])
+        ]
+        is_consistent &= not apart
+        verdict = "differs from" if apart else "is consistent with"
+        how = ", ".join(apart) or f"within {tolerance:.3g} of its scores"
+        notes.append(f"{difference.name} {verdict} {difference.other}: {how}")
+    if not notes:
+        advice = "evaluate both with {json} and {per_image}"
+        raise UsageError("there are no scores of the same images", advice)
+    return replace(report, notes=(*report.notes, *notes)), is_consistent
+
+
+def _is_of_one(difference: table.Difference) -> bool:
+    return difference.name.rpartition(" (")[0] == difference.other.rpartition(" (")[0]
+
+
+def _is_apart(interval: table.Interval, most: float) -> bool:
+    """Whether an interval, or the mean of a single scene, goes beyond ± ``most``."""
+    ends = (interval.mean, interval.low, interval.high)
+    return any(abs(end) > most for end in ends if math.isfinite(end))
+
+
 def _notes(reports: Sequence[table.EvalReport], labels: Sequence[str]) -> Iterator[str]:
     for report, label in zip(reports, labels, strict=True):
         for note in report.notes:

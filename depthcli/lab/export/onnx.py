@@ -43,6 +43,7 @@ class ExportOptions:
     #: horizontal field of view of the training images, degrees; None for that of the checkpoint
     hfov: float | None = None
     depth_factor: float = 1.0  #: on depth, which corrects a bias that was measured
+    focal_exponent: float = 1.0  #: of the card's camera
     float_model: str | None = None  #: name of the model that replaces an int8 one off the CPU
     #: the moving average, if the run has one, or the weights of the last step
     weights: Weights = Weights.AVERAGED
@@ -94,7 +95,9 @@ def card_of(saved: Checkpoint, options: ExportOptions) -> ModelCard:
         output=cards.OutputSpec(
             DepthKind.METRIC, codec.transform, codec.scale, codec.shift, min_m, output.max_m
         ),
-        camera=None if hfov_deg is None else cards.CameraSpec(hfov_deg),
+        camera=None
+        if hfov_deg is None
+        else cards.CameraSpec(hfov_deg, exponent=options.focal_exponent),
         onnx=cards.OnnxSpec(options.opset, graph.IR_VERSION),
         training=_training_facts(saved, options),
         float_model=options.float_model,

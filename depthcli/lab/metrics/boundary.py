@@ -23,8 +23,8 @@ RATIOS = tuple(np.linspace(1.05, 1.25, 10).tolist())
 
 _SIGMA_PX = math.sqrt(2)
 _RADIUS_PX = 4
-# A step of 10 % of depth is an edge, and so is one of half that which continues an edge. A floor
-# seen from 1.2 m above stays below both out to 8 m.
+# Canny's thresholds: a step of 10 % of depth is an edge, and so is one of half that which continues
+# an edge. A floor seen from 1.2 m above stays below both out to 8 m.
 _STRONG_STEP = math.log(1.1)
 _WEAK_STEP = _STRONG_STEP / 2
 # Canny takes 16-bit gradients; the steepest possible, 1 mm beside 10 m, still fits.
@@ -41,8 +41,9 @@ class BoundaryScores(NamedTuple):
     #: mean distance in pixels of all edges of either map to the other's, truncated at 10; lower is
     #: better. Missing and false edges count
     dbe_comp: float
-    #: harmonic mean of precision and recall of the depth steps between neighbouring pixels, in [0,
-    #: 1]; higher is better
+    #: harmonic mean of precision and recall of the depth steps between neighbouring pixels, each
+    #: the mean of those upwards, downwards, to the left and to the right, in [0, 1]; higher is
+    #: better
     edge_f1: float
 
 
@@ -118,23 +119,24 @@ def _distance_to(edges: BoolArray) -> Float64Array:
 
 
 def _edge_f1(truth: Float32Array, predicted: Float32Array, valid: BoolArray) -> float:
-    """F1 of the steps between neighbours, averaged over ratios that the truth has."""
-    steps = [np.concatenate(_steps(log_depth, valid)) for log_depth in (truth, predicted)]
-    total = weights = 0.0
+    """F1 of the steps between neighbours, averaged over the ratios."""
+    true_steps, steps, total = _steps(truth, valid), _steps(predicted, valid), 0.0
+    if not any((away > math.log(RATIOS[0])).any() for away in true_steps):
+        return math.nan
     for ratio in RATIOS:
-        up_or_down = [(s > math.log(ratio), s < -math.log(ratio)) for s in steps]
-        (up, down), (up_p, down_p) = up_or_down
-        true_count = np.count_nonzero(up) + np.count_nonzero(down)
-        if true_count:
-            predicted_count = np.count_nonzero(up_p) + np.count_nonzero(down_p)
-            hits = np.count_nonzero(up & up_p) + np.count_nonzero(down & down_p)
-            total += ratio * 2 * hits / (true_count + predicted_count)
-            weights += ratio
-    return total / weights if weights else math.nan
+        recall = precision = 0.0
+        for true_step, step in zip(true_steps, steps, strict=True):
+            is_true, is_predicted = true_step > math.log(ratio), step > math.log(ratio)
+            hits = float(np.count_nonzero(is_true & is_predicted)) / len(steps)
+            recall += hits / (np.count_nonzero(is_true) or 1)
+            precision += hits / (np.count_nonzero(is_predicted) or 1)
+        if recall + precision:
+            total += ratio * 2 * recall * precision / (recall + precision)
+    return float(total / sum(RATIOS))
 
 
-def _steps(log_depth: Float32Array, valid: BoolArray) -> tuple[Float32Array, Float32Array]:
-    """Differences to the right and downwards, where both pixels count."""
+def _steps(log_depth: Float32Array, valid: BoolArray) -> tuple[Float32Array, ...]:
+    """Differences to the right, left, below and above, where both pixels count."""
     right = np.diff(log_depth, axis=1)[valid[:, 1:] & valid[:, :-1]]
     down = np.diff(log_depth, axis=0)[valid[1:] & valid[:-1]]
-    return right, down
+    return right, -right, down, -down

@@ -25,6 +25,7 @@ from depthcli.lab.options import Averaging
 MIN_DEPTH_M, MAX_DEPTH_M = 1e-3, 10.0
 _PART_PIXELS = 77_000  # pixels: longer arrays leave the cache, more parts cost more calls
 _ARRAYS = 6
+_PER_KM = 1000  # of 1/m
 _MAX_DOT = 10_000  # with more elements, OpenBLAS starts its own threads
 
 
@@ -129,16 +130,21 @@ class Metric:
 
 
 METRICS: dict[str, Metric] = {}  #: every metric by name, in the order of the table's columns
+OPTIONAL: dict[str, Metric] = {}  #: further ones, to be copied into METRICS
 
 
 def _metric(
-    finish: Callable[..., float] = float, *, higher_is_better: bool = False, unit: str = ""
+    finish: Callable[..., float] = float,
+    *,
+    higher_is_better: bool = False,
+    unit: str = "",
+    among: dict[str, Metric] = METRICS,
 ) -> Callable[[Sums], Metric]:
-    """Enter a function in :data:`METRICS` by its name; its value is the mean by default."""
+    """Enter a function in a table by its name; its value is the mean by default."""
 
     def register(sums: Sums) -> Metric:
         metric = Metric(sums.__name__, sums, finish, higher_is_better, unit)
-        METRICS[metric.name] = metric
+        among[metric.name] = metric
         return metric
 
     return register
@@ -206,6 +212,40 @@ def silog(pixels: DepthPixels) -> tuple[float, ...]:
     return float(pixels.log_error.sum()), pixels.squared_log_error
 
 
+@_metric(unit="metres", among=OPTIONAL)
+def mae(pixels: DepthPixels) -> tuple[float, ...]:
+    """Mean |g − p|, in metres."""
+    return (cv2.norm(pixels.error_m, cv2.NORM_L1),)
+
+
+@_metric(unit="1/km", among=OPTIONAL)
+def imae(pixels: DepthPixels) -> tuple[float, ...]:
+    """Mean |1/g − 1/p|, in 1/km, as KITTI's benchmarks have it."""
+    return (_PER_KM * cv2.norm(_inverse_error(pixels), cv2.NORM_L1),)
+
+
+@_metric(lambda mean: _PER_KM * math.sqrt(mean), unit="1/km", among=OPTIONAL)
+def irmse(pixels: DepthPixels) -> tuple[float, ...]:
+    """√ mean (1/g − 1/p)², in 1/km."""
+    return (cv2.norm(_inverse_error(pixels), cv2.NORM_L2SQR),)
+
+
+def _inverse_error(pixels: DepthPixels) -> Float64Array:
+    return pixels.error_m / (pixels.truth_m * pixels.predicted_m)
+
+
+@_metric(higher_is_better=True, among=OPTIONAL)
+def d105(pixels: DepthPixels) -> tuple[float, ...]:
+    """Share of pixels with max(g/p, p/g) < 1.05."""
+    return _within(pixels, 1.05)
+
+
+@_metric(higher_is_better=True, among=OPTIONAL)
+def d110(pixels: DepthPixels) -> tuple[float, ...]:
+    """Share of pixels with max(g/p, p/g) < 1.10."""
+    return _within(pixels, 1.10)
+
+
 def add_metric(name: str, function: Callable[[Float64Array, Float64Array], float]) -> None:
     """Enter a function of true and predicted metres, (N,) float64, of the pixels of one image.
 
@@ -247,11 +287,12 @@ class PixelSums:
     @classmethod
     def of(cls, pixels: DepthPixels) -> Self:
         """Sums over the pixels of one image; thread-safe."""
-        whole, others = ([m for m in METRICS.values() if m.is_whole is x] for x in (True, False))
+        others = [metric for metric in METRICS.values() if not metric.is_whole]
         parts = [[metric.sums(part) for metric in others] for part in pixels.parts()]
         columns = zip(*parts, strict=True)
-        sums = tuple(tuple(map(sum, zip(*column, strict=True))) for column in columns)
-        return cls(len(pixels), (*sums, *(metric.sums(pixels) for metric in whole)))
+        sums = (tuple(map(sum, zip(*column, strict=True))) for column in columns)
+        every = (m.sums(pixels) if m.is_whole else next(sums) for m in METRICS.values())
+        return cls(len(pixels), tuple(every))
 
     def __add__(self, other: Self) -> Self:
         pairs = zip(self.sums, other.sums, strict=True)

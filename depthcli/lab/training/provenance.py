@@ -18,6 +18,7 @@ from depthcli.lab.metrics.depth import METRICS
 from depthcli.lab.training.config import Amount, Count, DataConfig, TrainConfig
 from depthcli.models.card import ModelCard
 
+_EPOCHS = ("optim.epochs_constant", "optim.epochs_decay")
 PairIds: TypeAlias = dict[str, tuple[str, ...]]  #: ids of pairs by data set
 _Aspect: TypeAlias = Annotated[float, Rule("a number above 0", lambda number: number > 0)]
 _Score: TypeAlias = Annotated[float, Rule("a number", lambda _: True, is_finite=False)]
@@ -126,12 +127,17 @@ def common_ids(title: str, ids: Iterable[str], record: Mapping[str, Sequence[str
 
 
 def config_differences(saved: TrainConfig, config: TrainConfig) -> tuple[str, ...]:
-    """Each setting, by its name for ``--set``, with both of its values.
+    """Each setting, by its name for ``--set``, with both of its values, of which one has to change.
+
+    A run may go on for more epochs than those for which it was begun.
 
     >>> config_differences(TrainConfig(seed=0), TrainConfig(seed=1))
     ('seed is 0 there, 1 here',)
     """
-    return value_differences(dict(named_settings(saved)), dict(named_settings(config)))
+    there, here = dict(named_settings(saved)), dict(named_settings(config))
+    for name in _EPOCHS if config.optim.epochs > saved.optim.epochs else ():
+        del there[name]
+    return value_differences(there, here)
 
 
 def named_settings(config: TrainConfig) -> Iterator[tuple[str, Any]]:

@@ -13,7 +13,7 @@ from depthcli.io.storage.paths import read_regular
 from depthcli.lab.training.checkpoint import CHECKPOINT, saved_checkpoint
 from depthcli.lab.training.config import TrainConfig, check_config, updated
 from depthcli.lab.training.init_weights import settings_of
-from depthcli.lab.training.methods.registry import check_terms, default_config
+from depthcli.lab.training.methods.registry import check_terms, choice, default_config
 from depthcli.lab.training.methods.table import PRESETS
 from depthcli.lab.training.provenance import config_differences, mismatch_error
 
@@ -31,13 +31,14 @@ def resolve_config(
 ) -> TrainConfig:
     """A method's default configuration, overridden by a preset, files and ``a.b=c`` settings.
 
-    A folder's checkpoint has the last word. The method ``prompted`` takes the network of ``init``.
+    A folder's checkpoint has the last word, but for more epochs. The method ``prompted`` takes the
+    network of ``init``.
     """
     usual = default_config(method)
     if usual.generator.prompt and init is not None:
         usual = updated(usual, settings_of(init))
     if preset and preset not in PRESETS:
-        raise UsageError(f"no preset '{preset}'; choose from {', '.join(PRESETS)}")
+        raise UsageError(f"no preset '{preset}'; {choice(preset, PRESETS)}")
     if preset and PRESETS[preset] not in ("", method):
         raise UsageError(f"the preset {preset} is for the method {PRESETS[preset]}, not {method}")
     files = [PRESET_FOLDER / f"{preset}.toml", *files] if preset else files
@@ -50,7 +51,7 @@ def resolve_config(
         mismatches = config_differences(saved.config, current)
         if mismatches:
             raise mismatch_error(folder / CHECKPOINT, mismatches)
-        return saved.config
+        return current
     resolved = apply_overrides(usual, files, settings)
     if resolved.method != method:
         raise UsageError(f"the settings are of method {resolved.method}, not {method}")
@@ -66,7 +67,8 @@ def apply_overrides(
     """Apply TOML files, then ``a.b=c`` settings, to a base configuration."""
     for file in files:
         try:
-            base = updated(base, tomllib.loads(read_regular(file, _MAX_BYTES).decode()))
+            text = read_regular(file, _MAX_BYTES).decode("utf-8-sig")
+            base = updated(base, tomllib.loads(text))
         except OSError as error:
             raise UsageError(f"cannot read the configuration {file}: {error.strerror}") from None
         except (ValueError, UsageError) as error:

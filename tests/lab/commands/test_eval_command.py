@@ -12,6 +12,7 @@ from helpers.tiny import write_model
 
 from depthcli.cli.app import main
 from depthcli.errors import ExitCode
+from depthcli.lab.metrics.depth import METRICS
 
 COUNT = 11
 
@@ -99,6 +100,27 @@ def test_models_are_compared_with_known_depth(
     assert scores[0] > 0.5
     assert scores[1] == scores[2] < 0.03
     assert scores[3] < 0.05
+
+
+@pytest.mark.usefixtures("models")
+def test_edges_are_those_of_predict_and_metrics_of_depth_completion_are_columns(
+    data: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Issue 56: bilinear upsampling, the default without edges, leaves none."""
+    monkeypatch.setattr("depthcli.lab.metrics.depth.METRICS", dict(METRICS))
+    arguments = ["--split", "val", "--no-trivial", "--json"]
+    for extra, upsampling in (
+        (["--boundary"], "guided"),
+        (["--boundary", "--upsample", "bilinear"], "bilinear"),
+        (["--images", "1", "--crop", "s2d", "--metric", "mae", "--metric", "d105"], "bilinear"),
+    ):
+        assert _run(data, *arguments, *extra) == ExitCode.OK
+        report = json.loads(capsys.readouterr().out)
+        assert report["protocol"]["upsampling"] == upsampling
+    (row,) = report["rows"]
+    assert (row["images"], row["pixels"]) == (1, 304 * 228)
+    assert 0 < row["scores"]["mae"] < 0.1
+    assert row["scores"]["d105"] > 0.9
 
 
 @pytest.mark.parametrize(

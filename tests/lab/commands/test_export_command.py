@@ -73,13 +73,15 @@ def test_the_card_has_what_the_options_say(tmp_path: Path) -> None:
     checkpoint = write_checkpoint(tmp_path / "last.ckpt", hfov_deg=None)
     out = tmp_path / "models" / "room"
     said = ["--name", "room", "--model-version", "2.5.0", "--license", "CC0-1.0", "--hfov", "71.5"]
-    said += ["--depth-factor", "1.03"]
+    said += ["--depth-factor", "1.03", "--focal-exponent", "0.8"]
     assert main(["export-onnx", str(checkpoint), "-o", str(out), *said, "--opset", "18"]) == 0
     assert sorted(path.name for path in out.iterdir()) == ["card.json", "model.onnx"]
     card = find_model(out).card
     assert (card.name, card.version, card.license) == ("room", "2.5.0", "CC0-1.0")
     assert card.camera.hfov_deg == 71.5
     assert card.training["depth_factor"] == 1.03
+    assert card.camera is not None
+    assert card.camera.exponent == 0.8
     assert card.onnx.opset == 18
     opsets = onnx.load(out / "model.onnx").opset_import
     assert [(entry.domain, entry.version) for entry in opsets] == [("", 18)]

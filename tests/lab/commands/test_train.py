@@ -79,6 +79,19 @@ def test_a_run_goes_on_with_its_own_settings_and_threads(folder: Path) -> None:
     assert "optim.batch_size" in other.stderr
 
 
+def test_a_finished_run_goes_on_for_more_epochs(folder: Path) -> None:
+    """junyanz/pytorch-CycleGAN-and-pix2pix#1124; toml-bom: the file as Notepad saves it."""
+    (folder / "tiny.toml").write_text((folder / "tiny.toml").read_text(), "utf-8-sig")
+    for epochs, code in ((1, 0), (2, 0), (1, 3)):
+        done = _train(folder, "--set", f"optim.epochs_decay={epochs}", "--quiet")
+        assert done.returncode == code, done.stderr
+        saved = Checkpoint.load(folder / "run" / "last.ckpt")
+        assert (
+            saved.config.optim.epochs_decay == saved.state.epoch == max(epochs, saved.state.epoch)
+        )
+    assert "optim.epochs_decay is 2 there, 1 here" in done.stderr
+
+
 def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> None:
     shown = _run(folder, "proposed", "--preset", "bundled", "--show-config")
     assert shown.returncode == 0, shown.stderr
@@ -94,6 +107,10 @@ def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> Non
     ("arguments", "reason"),
     [
         (("pix2pix", "--data", "data"), "no method 'pix2pix'; choose from cyclegan, cut"),
+        (("propsed",), "did you mean 'proposed'?"),
+        (("proposed", "--preset", "papre"), "did you mean 'paper'?"),
+        (("proposed", "--lr", "1"), "give --set optim.learning_rate=X"),
+        (("proposed", "--epochs", "1"), "give --set optim.epochs_constant=N"),
         (("proposed",), "--data"),
         (("proposed", "--preset", "huge"), "no preset 'huge'"),
         (("proposed", "--set", "optim.speed=1"), "optim.speed is unknown"),
@@ -155,5 +172,23 @@ def test_the_line_of_an_epoch_has_rate_and_time_to_go(
             text.on_epoch_end(TrainState(step=step, epoch=step))
     assert capsys.readouterr().err.splitlines() == [
         "epoch 1  step 1/4  l1 0.5000",
+        "the 2 steps to go take about 0:40 here",
+        "training: 2/4  0.03 steps/s  1:20 to go",
         "epoch 2  step 2/4  l1 0.5000  0.01 steps/s  2:40 to go",
     ]
+
+
+def test_a_run_of_months_is_a_warning_that_names_a_shorter_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Issue 55: the paper's size on a CPU, 59 s a step, began without a word."""
+    clock_s = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock_s[0])
+    with ExitStack() as stack:
+        text = EpochCallback(stack)
+        text.on_train_start(())
+        clock_s[0] += 59
+        text.on_step_end(TrainState(step=1), 173_201, {"l1": 0.5})
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "the 173200 steps to go take about 118 d 6 h here" in line
+    assert "--preset reduced" in line

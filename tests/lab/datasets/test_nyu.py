@@ -148,6 +148,26 @@ def test_mat_without_a_part(name: str, nyu_mat: Any) -> None:
         open_nyu(nyu_mat.path)
 
 
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("depths", lambda depth_m: depth_m * 1000),
+        ("depths", lambda depth_m: depth_m + 1j),
+        ("depths", lambda depth_m: depth_m[:, :, ::2]),
+        ("rawDepths", lambda depth_m: depth_m[1:]),
+        ("images", lambda images: images[:, :1]),
+    ],
+)
+def test_mat_of_other_values_is_refused(name: str, change: Any, nyu_mat: Any) -> None:
+    """Issue 55: millimetres, complex numbers, and arrays of other sizes were read."""
+    with h5py.File(nyu_mat.path, "r+") as file:
+        values = change(file[name][()])
+        del file[name]
+        file[name] = values
+    with pytest.raises(DatasetError):
+        open_nyu(nyu_mat.path)
+
+
 def test_without_h5py_the_error_says_what_to_install(
     nyu_mat: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

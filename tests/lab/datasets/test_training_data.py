@@ -1,5 +1,6 @@
 """Training data and layouts of data sets as they are distributed."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -20,6 +21,7 @@ from depthcli.lab.datasets.nyu import open_nyu
 from depthcli.lab.datasets.training_data import open_training_data
 from depthcli.lab.training.config import DataConfig
 from depthcli.lab.training.provenance import train_val_split
+from depthcli.models.card import CameraSpec
 from depthcli.models.catalog import find_model
 
 ROOT = Path(__file__).parents[3]
@@ -180,6 +182,50 @@ def test_patterns_name_the_files_of_any_layout(tmp_path: Path) -> None:
         list_pairs(tmp_path)
 
 
+def test_a_pattern_without_a_slash_fits_in_any_folder_and_masks_apply(tmp_path: Path) -> None:
+    """As that of ``batch --include``; SysCV/idisc#9: DIODE has masks beside its depth."""
+    _image(tmp_path, "deep/a/1.png", "0.png")
+    for name in ("deep/a/1", "0"):
+        np.save(tmp_path / f"{name}_depth.npy", np.full((6, 8, 1), 2, np.float32))
+    np.save(tmp_path / "deep/a/1_depth_mask.npy", np.arange(48.0).reshape(6, 8) % 2)
+    dataset = open_paired_folder(tmp_path, patterns=("*.png", "*_depth.npy"))
+    assert dataset.ids == ("0", "deep/a/1")
+    assert dataset.depth_m(1).tolist() == [[0, 2] * 4] * 6
+    assert (dataset.depth_m(0) == 2).all()
+    assert any("1 file" in note and "_mask" in note for note in dataset.notes)
+    assert len(dataset.files(1)) == 3
+    np.save(tmp_path / "deep/a/1_depth_mask.npy", np.ones((3, 8), np.float32))
+    with pytest.raises(DatasetError):
+        dataset.depth_m(1)
+
+
+def test_a_folder_is_named_from_within_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """7-Scenes, mohankumarpaluru/oracle-freetier-instance-creation#49: ``eval pairs .``."""
+    _image(tmp_path, "frame-0.color.png")
+    _depth(tmp_path, "frame-0.depth.png")
+    monkeypatch.chdir(tmp_path)
+    for paired in (True, False):
+        assert open_training_data(Path(), paired=paired).dataset.ids == ("frame-0",)
+
+
+def test_a_list_names_image_depth_and_focal_length(tmp_path: Path) -> None:
+    """shariqfarooq123/AdaBins#73: the lists of BTS, with a slash first in some, None in others."""
+    _image(tmp_path, "hall/rgb_1.jpg", "yard/rgb_1.jpg")
+    _depth(tmp_path, "hall/sync_1.png", "yard/sync_1.png")
+    table, rows = tmp_path / "list.txt", ["/hall/rgb_1.jpg /hall/sync_1.png 518.8"]
+    table.write_text(
+        "\n".join([*rows, "yard/rgb_1.jpg None 9", "yard/rgb_1.jpg yard/sync_1.png 9"])
+    )
+    dataset = open_paired_folder(table)
+    assert (dataset.ids, dataset.scenes) == (("hall/rgb_1", "yard/rgb_1"), ("hall", "yard"))
+    assert dataset.focal_px == (518.8, 9.0)
+    assert len(open_training_data(table, paired=True).dataset) == 2
+    for line, reason in (("a.jpg", "FOCAL_PX"), ("a.jpg b.png x", "x"), (f"{rows[0]}1", "twice")):
+        table.write_text("\n".join([*rows, line]))
+        with pytest.raises(DatasetError, match=reason):
+            open_paired_folder(table)
+
+
 def test_folders_of_ultralytics_hold_out_their_validation_part(tmp_path: Path) -> None:
     """16-bit PNG in millimetres or NPY in metres: docs.ultralytics.com/datasets/depth."""
     parts = ("train/a", "train/b", "val/c", "test/d")
@@ -221,6 +267,15 @@ def test_other_names_are_two_lists_and_the_shorter_begins_again(tmp_path: Path) 
     assert [int(dataset.image(i)[0, 0, 0]) for i in range(5)] == [0, 1, 2, 3, 4]
     assert [round(float(dataset.depth_m(i)[0, 0]), 3) for i in range(5)] == [1, 1.001] * 2 + [1]
     assert set(dataset.scenes) == set(dataset.official_split) == {""}
+
+
+def test_images_and_depth_of_cyclegan_are_two_lists(tmp_path: Path) -> None:
+    """junyanz/pytorch-CycleGAN-and-pix2pix#120: ``trainA`` and ``trainB``, also by patterns."""
+    _image(tmp_path, "trainA/a.png", "trainA/b.png")
+    _depth(tmp_path, "trainB/d.png", size=(4, 4))
+    for patterns in (None, ("trainA/*", "trainB/*")):
+        dataset = open_training_data(tmp_path, paired=False, patterns=patterns).dataset
+        assert (len(dataset), dataset.paired) == (2, False)
 
 
 def _nyu(folder: Path, rows: list[str]) -> Path:
@@ -354,6 +409,7 @@ def test_missing_data_is_an_error(tmp_path: Path, *, paired: bool) -> None:
 def test_a_model_that_learns_pairs_of_any_camera_gives_their_metres(tmp_path: Path) -> None:
     """What it is taught, multiplied as its predictions are, is the depth of the files."""
     card, random = find_model(ROOT / "models/default").card, np.random.default_rng(0)
+    card = replace(card, camera=CameraSpec(63.3))
     names = ("a.png", "b.png", "c.png")
     _image(tmp_path / "rgb", *names, size=(24, 32))
     (tmp_path / "depth").mkdir()

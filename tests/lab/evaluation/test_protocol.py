@@ -28,6 +28,14 @@ def test_eigen_crop_is_rows_45_to_470_and_columns_41_to_600() -> None:
     assert truth.depth_m.size == 426 * 560
 
 
+def test_s2d_crop_is_the_middle_304_by_228_pixels_at_half_the_size() -> None:
+    truth = EvalProtocol(crop=Crop.S2D).truth(np.full((480, 640), 2.0, np.float32))
+    rows, columns = np.nonzero(truth.valid)
+    assert truth.valid.shape == (240, 320)
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (6, 233, 8, 311)
+    assert truth.depth_m.size == 228 * 304
+
+
 def test_raw_mask_counts_measured_pixels() -> None:
     dataset = small_set()
     protocol = EvalProtocol(mask=Mask.RAW, full_size_px=SMALL)

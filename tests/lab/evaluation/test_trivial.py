@@ -12,7 +12,7 @@ from helpers import plain_evaluator as plain
 from helpers.small_set import HEIGHT, WIDTH, Playback, noisy, small_set
 
 from depthcli.cli.app import main
-from depthcli.errors import DatasetError, UsageError
+from depthcli.errors import DatasetError, ExitCode, UsageError
 from depthcli.lab.datasets.base import SplitName
 from depthcli.lab.evaluation.evaluate import EvalOptions, evaluate
 from depthcli.lab.evaluation.page import html_page, report_page
@@ -133,6 +133,25 @@ def test_rows_are_of_the_images_that_both_have(tmp_path: Path) -> None:
         assert row.scores == pytest.approx(wanted.scores)
     means = [interval.mean for interval in found.differences[0].intervals]
     assert means == pytest.approx([i.mean for i in fewer.differences[0].intervals])
+
+
+def test_a_report_is_consistent_with_a_reference_or_differs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Issue 56: a reader checks a figure of README on some of its images."""
+    reference = _kept(tmp_path, A)
+    (tmp_path / "new").mkdir()
+    same, other = _kept(tmp_path / "new", A, 5), _kept(tmp_path, B)
+    for new, code, verdict in (
+        (same, ExitCode.OK, "is consistent with"),
+        (other, ExitCode.SOME_FAILED, "differs from"),
+    ):
+        words = ["eval", "compare", str(new), str(reference), "--tolerance", "0.02"]
+        assert main(words) == code
+        assert verdict in capsys.readouterr().out
+    alone = _kept(tmp_path / "new", B, None, replace(OPTIONS, per_image=False))
+    assert main([*words[:2], str(alone), *words[3:]]) == ExitCode.USAGE
+    assert "--per-image" in capsys.readouterr().err
 
 
 def test_without_means_of_images_there_is_no_interval(tmp_path: Path) -> None:

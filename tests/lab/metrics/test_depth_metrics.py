@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from depthcli.errors import UsageError
+from depthcli.lab.metrics import depth as metrics
 from depthcli.lab.metrics.depth import (
     METRICS,
     DepthPixels,
@@ -54,6 +55,20 @@ def test_metrics_equal_the_plain_loop(
         # A difference of squares loses half the digits when all logs are alike.
         absolute = 1e-4 if name == "silog" else 1e-9
         assert value == pytest.approx(wanted[name], rel=1e-6, abs=absolute, nan_ok=True), name
+
+
+def test_metrics_of_depth_completion_equal_the_plain_loop_beside_one_s_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Issue 56: in any order with a metric of whole images."""
+    pixels = DepthPixels.of(*np.random.default_rng(4).uniform(0.5, 9.5, (2, 2000)))
+    pairs = list(zip(pixels.truth_m.tolist(), pixels.predicted_m.tolist(), strict=True))
+    monkeypatch.setattr("depthcli.lab.metrics.depth.METRICS", {})
+    add_metric("worst", lambda g, p: float(np.max(p - g)))
+    metrics.METRICS.update(metrics.OPTIONAL)
+    scores = PixelSums.of(pixels).scores()
+    assert scores.pop("worst") == pytest.approx(max(p - g for g, p in pairs))
+    assert scores == pytest.approx(plain.optional_metrics(pairs))
 
 
 def test_thresholds_are_strict() -> None:

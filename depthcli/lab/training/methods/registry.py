@@ -1,6 +1,8 @@
 """The class and the default configuration of each method."""
 
 import tomllib
+from collections.abc import Collection
+from difflib import get_close_matches
 from pathlib import Path
 from pkgutil import resolve_name
 
@@ -19,10 +21,15 @@ def method_class(name: str) -> type[Method]:
         return resolve_name(f"depthcli.lab.training.methods.{METHODS[name]}")  # type: ignore[no-any-return]
     kind = imported(name) if ":" in name else None
     if not (isinstance(kind, type) and issubclass(kind, Method)):
-        names = ", ".join(METHODS)
-        advice = f"choose from {names}, or name a subclass of Method as module:Class"
-        raise UsageError(f"no method '{name}'; {advice}")
+        names = (*METHODS, "a subclass of Method as module:Class")
+        raise UsageError(f"no method '{name}'; {choice(name, names)}")
     return kind
+
+
+def choice(name: str, names: Collection[str]) -> str:
+    """Advice for an unknown name: a similar one, or all."""
+    close = get_close_matches(name, names, n=1)
+    return f"did you mean '{close[0]}'?" if close else f"choose from {', '.join(names)}"
 
 
 def default_config(method: str) -> TrainConfig:
