@@ -269,8 +269,7 @@ class Provenance:
 class DepthMap:
     """Depth of every pixel of one image."""
 
-    #: (H, W) float32, metres for ``DepthKind.METRIC``; NaN where there is no depth; of a file of
-    #: another program, also infinity, and for metres 0 and below
+    #: (H, W) float32, metres for ``DepthKind.METRIC``; NaN where there is no depth
     values: Float32Array
     kind: DepthKind = DepthKind.METRIC  #: what the numbers mean
     provenance: Provenance = Provenance()  #: how they were made, as far as that is known

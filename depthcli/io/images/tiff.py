@@ -46,7 +46,10 @@ def read_tags(
 
 
 def tag_entries(
-    data: bytes, tags: Collection[int], at: int | None
+    data: bytes,
+    tags: Collection[int],
+    at: int | None = None,
+    types: Mapping[int, str] = _FIELD_TYPES,
 ) -> Iterator[tuple[int, str, int]]:
     """Wanted tags of a directory, with the format and the position of their values."""
     layout = LAYOUTS[data[:4]]
@@ -57,9 +60,9 @@ def tag_entries(
     first = at + struct.calcsize(layout.total)
     for entry in range(first, min(first + layout.entry * count, len(data)), layout.entry):
         tag, kind = unpack_at(order + "HH", data, entry)
-        if tag in tags and kind in _FIELD_TYPES:
+        if tag in tags and kind in types:
             (many,) = unpack_at(number, data, entry + 4)
-            letters = _FIELD_TYPES[kind]
+            letters = types[kind]
             form, position = f"{order}{many * len(letters)}{letters[0]}", entry + layout.value
             if struct.calcsize(form) > struct.calcsize(number):
                 (position,) = unpack_at(number, data, position)
@@ -199,6 +202,7 @@ _TAGS = (
 )
 _ASSOCIATED, _UNASSOCIATED = 1, 2  # alpha: whether colours are multiplied by it
 _EIGHT, _SIXTEEN, _MAX_CHANNELS = 8, 16, 4
+_GDAL_NODATA, _TEXT = 42113, {2: "B"}
 # With any other, OpenCV returns a black image.
 _COMPRESSIONS_OF_OPENCV = frozenset(
     {1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946, 34676, 34677, 34887, 34925, 50000, 50001}
@@ -310,13 +314,21 @@ def _check_content(data: bytes, tags: Mapping[int, int]) -> None:
 def _with_colours_as_stored(data: bytes) -> bytes:
     """The file with its alpha declared associated, so that no decoder multiplies by it."""
     with suppress(struct.error):
-        for _, form, position in tag_entries(data, (_EXTRA_SAMPLES,), None):
+        for _, form, position in tag_entries(data, (_EXTRA_SAMPLES,)):
             values = unpack_at(form, data, position)
             if _UNASSOCIATED in values:
                 declared = (_ASSOCIATED if value == _UNASSOCIATED else value for value in values)
                 tail = position + struct.calcsize(form)
                 return data[:position] + struct.pack(form, *declared) + data[tail:]
     return data
+
+
+def no_data_value(data: bytes) -> float:
+    """The number that stands for no data in a TIFF by GDAL's tag; NaN if it states none."""
+    with suppress(struct.error, ValueError, KeyError):
+        for _, form, position in tag_entries(data, (_GDAL_NODATA,), types=_TEXT):
+            return float(bytes(unpack_at(form, data, position)).strip(b" \0"))
+    return math.nan
 
 
 def _image_count(data: bytes) -> int:
