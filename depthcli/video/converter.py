@@ -14,7 +14,7 @@ from depthcli.core.arrays import UInt8Array, UInt16Array
 from depthcli.core.options import Projection, ReadOptions
 from depthcli.core.types import Frame, pixel_aspect_of
 from depthcli.errors import InputError
-from depthcli.io.images.pixels import full_range, upright
+from depthcli.io.images.pixels import from_video_range, full_range, upright
 from depthcli.io.images.read import masked
 from depthcli.video.facts import camera_warnings, side_data, view_of
 
@@ -47,7 +47,9 @@ def rgb_pixels(
         dst_color_range=ColorRange.JPEG,
         interpolation=Interpolation.BICUBIC,
     )
-    return rgb.to_ndarray()  # type: ignore[return-value]
+    pixels: UInt8Array | UInt16Array = rgb.to_ndarray()  # type: ignore[assignment]
+    is_limited = frame.color_range == ColorRange.MPEG and frame.format.name.startswith("gray")
+    return from_video_range(pixels) if is_limited else pixels  # FFmpeg takes gray as it is
 
 
 def orientation_of(frame: VideoFrame) -> int:

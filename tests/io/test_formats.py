@@ -160,9 +160,10 @@ HOLED_M = np.where(np.arange(12).reshape(3, 4) == 5, np.float32(np.nan), DEPTH_M
 FURTHER = (Format.PFM, Format.TIFF, Format.PGM, Format.NPZ, Format.COLMAP)
 
 
-def pfm(values: np.ndarray, scale: str = "-1.0", order: str = "<f4") -> bytes:
+def pfm(values: np.ndarray, scale: str = "-1.0", order: str = "<f4", end: str = "\n") -> bytes:
     height, width = values.shape[:2]
-    return f"Pf\n{width} {height}\n{scale}\n".encode() + values[::-1].astype(order).tobytes()
+    head = f"Pf{end}{width} {height}{end}{scale}{end}".encode()
+    return head + values[::-1].astype(order).tobytes()
 
 
 def colmap(values: np.ndarray) -> bytes:
@@ -198,14 +199,22 @@ def test_files_as_other_programs_read_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("scale", "order"), [("-1.0", "<f4"), ("1", ">f4"), ("-0.003922", "<f4"), ("1e+00", ">f4")]
+    ("scale", "order", "end"),
+    [
+        ("-1.0", "<f4", "\n"),
+        ("1", ">f4", "\n"),
+        ("-0.003922", "<f4", "\r\n"),
+        ("1e+0", ">f4", "\r"),
+    ],
 )
-def test_pfm_of_other_programs(scale: str, order: str, tmp_path: Path) -> None:
-    """Middlebury's have a scale of 1/255, which is no factor, and infinity where unknown."""
+def test_pfm_of_other_programs(scale: str, order: str, end: str, tmp_path: Path) -> None:
+    """Middlebury's have a scale of 1/255, which is no factor, and infinity where unknown.
+
+    Lines of the header may end in CRLF (Tom94/tev#60).
+    """
     values = np.where(np.isnan(HOLED_M), np.inf, HOLED_M)
-    (tmp_path / "a.pfm").write_bytes(pfm(values, scale, order))
-    found = read_stored_depth(tmp_path / "a.pfm").depth
-    np.testing.assert_array_equal(np.where(found.valid, found.values, np.nan), HOLED_M)
+    (tmp_path / "a.pfm").write_bytes(pfm(values, scale, order, end))
+    np.testing.assert_array_equal(read_stored_depth(tmp_path / "a.pfm").depth.values, HOLED_M)
 
 
 def test_colmap_has_no_unit(tmp_path: Path) -> None:

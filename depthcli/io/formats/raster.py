@@ -16,7 +16,7 @@ from depthcli.io.images.read import OPENCV_MAX_PIXELS, check
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, stored_depth
 
-_PFM = re.compile(rb"(P[Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]+)\s")
+_PFM = re.compile(rb"(P[Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]+)(?:\r\n|\s)")
 COLMAP_MAP = re.compile(rb"(\d{1,9})&(\d{1,9})&(\d{1,9})&")
 _TIFF_UNCOMPRESSED = 1
 

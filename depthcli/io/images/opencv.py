@@ -16,7 +16,7 @@ ANIMATED = "is animated; only the first image is used"  #: a warning
 _WEBP_ANIMATION = 0x02  # of the flags of an extended file
 _GIF_FRAME = b"\0\x21\xf9\x04"  # the end of a block, and a graphic control extension
 _NUMBER = rb"\s+(?:#[^\n]*\n\s*)*(\d{1,9})"
-_NETPBM = re.compile(rb"P[1-6]" + 2 * _NUMBER + rb"(?:" + _NUMBER + rb")?\s")
+_NETPBM = re.compile(rb"P[1-6]" + 2 * _NUMBER + rb"(?:" + _NUMBER + rb")?(?:\r\n|\s)")
 """Width, height and, except for bitmaps, the value of white."""
 _BITMAPS, _PLAIN, _TEXTS = (b"P1", b"P4"), (b"P2", b"P3"), (b"P1", b"P2", b"P3")
 _BYTE = 0xFF
@@ -40,6 +40,7 @@ class Decoded(NamedTuple):
 
     pixels: AnyArray  #: gray (H, W) or RGB (H, W, 3), of the file's own type
     exif: bytes = b""  #: the TIFF structure that EXIF is; empty without one
+    has_video_range: bool = False  #: whether gray is from 16 to 235 of 256 steps
     is_linear: bool = False  #: whether it is linear light and not encoded for display
     alpha: AnyArray | None = None  #: (H, W), opacity of the type of the pixels; None if all
     pixel_aspect: float = 1.0  #: width by height of a pixel
@@ -115,8 +116,16 @@ decode_gif = decode_webp = partial(decode_with_opencv, has_alpha=True)
 
 
 def decode_netpbm(data: bytes) -> Decoded:
-    """Pixels of a PBM, PGM or PPM; OpenCV refuses texts that do not end in a line break."""
-    return decode_with_opencv(data + b"\n" if data.startswith(_TEXTS) else data)
+    """Pixels of a PBM, PGM or PPM.
+
+    OpenCV refuses texts that do not end in a line break, and takes the end of a header in CRLF for
+    a pixel.
+    """
+    if data.startswith(_TEXTS):
+        return decode_with_opencv(data + b"\n")
+    head = _NETPBM.match(data)
+    end = head.end() if head else 0
+    return decode_with_opencv(data[:end].replace(b"\r\n", b"\n") + data[end:])
 
 
 def can_round_trip(suffix: str) -> bool:

@@ -114,6 +114,15 @@ def scaled(pixels: AnyArray, white: int, black: int = 0) -> AnyArray:
     return result
 
 
+def from_video_range(gray: AnyArray, white: int | None = None) -> AnyArray:
+    """Gray of 8 or 16 bits with the limited range of video (ITU-R BT.601) stretched to all of it.
+
+    That is 16 to 235 of 256 steps up to ``white``; None for the maximum of the type.
+    """
+    step = ((white or _MAX[gray.dtype]) + 1) // 256
+    return scaled(gray, 235 * step, 16 * step)
+
+
 def as_frame_dtype(pixels: AnyArray, name: str) -> AnyArray:
     """Pixels as one of the three types of a frame.
 
