@@ -388,7 +388,7 @@ def doubt_of_metres(median_m: float) -> str:
 def with_camera(depth: DepthMap, camera: Intrinsics) -> DepthMap:
     """Depth that states a given camera; what of it is not given stays as it is."""
     changes: dict[str, Any] = {
-        "focal_px": camera.focal_for(depth.width),
+        "focal_px": camera.focal_for(depth.width, depth.height),
         "centre_px": camera.centre_for(depth.width, depth.height),
         "pixel_aspect": camera.pixel_aspect,
     }

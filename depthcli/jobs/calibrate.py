@@ -169,7 +169,7 @@ def _of_pairs(folder: Path) -> Iterator[tuple[Frame, KnownDepth]]:
 def _points(request: CalibrationRequest, frame: Frame) -> KnownDepth:
     anchors = request.anchors
     if request.known_object is not None:
-        focal_px = request.camera.focal_for(frame.width)
+        focal_px = request.camera.focal_for(frame.width, frame.height)
         if focal_px is None:
             raise UsageError("", "an object of known height needs {focal_px} or {hfov}")
         down = request.camera.pixel_aspect or frame.pixel_aspect

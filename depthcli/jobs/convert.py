@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from depthcli.core import parallel, types
-from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics, focal_px_of_35mm
+from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
 from depthcli.core.options import AS_STATED, MAX_PIXELS, MILLIMETRES, DepthEncoding, ReadOptions
 from depthcli.core.temporal import RangeLock, ema_decay
 from depthcli.errors import DepthcliError, InputError, Message, UsageError
@@ -176,7 +176,7 @@ def _with_camera_of(frame: types.Frame | None, depth: types.DepthMap) -> types.D
         return depth
     source = replace(source, projection=frame.projection)
     if frame.focal_35mm is not None:
-        focal_px = focal_px_of_35mm(frame.focal_35mm, frame.width, frame.height)
+        focal_px = Intrinsics(focal_35mm=frame.focal_35mm).focal_for(frame.width, frame.height)
         source = replace(source, focal_px=focal_px, camera_source=CameraSource.EXIF)
     return replace(depth, provenance=source)
 

@@ -5,6 +5,7 @@ import re
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from av.sidedata.sidedata import Type
 from av.video.frame import VideoFrame
 
 from depthcli.core.imageops import PANORAMA, transfer_warning
-from depthcli.core.options import Eye, Projection
+from depthcli.core.options import Eye, Projection, ReadOptions
 from depthcli.errors import Message, UsageError
 
 _FOCAL_35MM = "camera.focal_length.35mm_equivalent"
@@ -25,6 +26,7 @@ _TEXT, _FLOAT32, _FLOAT64 = 1, 23, 24  # well-known types of QuickTime's metadat
 _SIDE_BY_SIDE, _TOP_BOTTOM = 1, 2
 _PACKED = {_SIDE_BY_SIDE: "side by side", _TOP_BOTTOM: "one above the other"}
 _INTERLEAVED = range(3, 8)
+_LEAST_SHAPE, _TWO_SQUARES = Fraction(5, 4), 2  # width by height of one image, and of two
 _PROJECTIONS = {0: Projection.EQUIRECTANGULAR, 1: "cubemap", 2: "tiles", 3: "VR180", 5: "fisheye"}
 """Projections that are not flat, by FFmpeg's numbers."""
 
@@ -138,6 +140,21 @@ def view_of(frame: VideoFrame, eye: Eye | None) -> tuple[slice, slice]:
     is_first = (eye is Eye.LEFT) != is_inverted
     half = slice(size // 2) if is_first else slice(size - size // 2, None)
     return (whole, half) if kind == _SIDE_BY_SIDE else (half, whole)
+
+
+def squeeze_of(frame: VideoFrame, pixel_aspect: Fraction, options: ReadOptions) -> Fraction:
+    """Width by height of a pixel of one view, by that of a pixel of the frame.
+
+    Half of the width of each view is kept side by side, half of its height one above the other,
+    if the frame has the shape of one image; no container states it.
+    """
+    kind, shape = (_stereo(frame) or (_SIDE_BY_SIDE,))[0], pixel_aspect * frame.width / frame.height
+    is_flat = side_data(frame, Type.SPHERICAL) is None and options.projection is None
+    if options.eye is None or shape < _LEAST_SHAPE or not is_flat:
+        return Fraction(1)
+    if kind == _TOP_BOTTOM:
+        return Fraction(1, 2)
+    return Fraction(2 if shape < _TWO_SQUARES else 1)
 
 
 def _stereo(frame: VideoFrame) -> tuple[int, bool] | None:

@@ -128,7 +128,7 @@ def test_focal_lengths() -> None:
         (Intrinsics(500, 90), 320),
         (Intrinsics(), None),
     ):
-        assert camera.focal_for(640) == (at_640 and pytest.approx(at_640))
+        assert camera.focal_for(640, 480) == (at_640 and pytest.approx(at_640))
         assert camera.has_focal == (at_640 is not None)
 
 

@@ -367,7 +367,7 @@ def test_negative_pixels_beside_metres_are_counted(tmp_path: Path) -> None:
 
 
 def ray_lengths(camera: Intrinsics, centre: tuple[float, float] = (3.5, 2.5)) -> np.ndarray:
-    focal_px = camera.focal_for(8)
+    focal_px = camera.focal_for(8, 6)
     assert focal_px
     return np.float32(
         [
@@ -383,7 +383,7 @@ def ray_lengths(camera: Intrinsics, centre: tuple[float, float] = (3.5, 2.5)) ->
 @pytest.mark.parametrize("centre_px", [None, (2.0, 4.0)])
 def test_distance_along_the_ray(centre_px: tuple[float, float] | None, tmp_path: Path) -> None:
     """Hypersim (apple/ml-hypersim#9), Mitsuba, lidar ranges."""
-    camera = Intrinsics(HFOV.focal_for(8), centre_px=centre_px)
+    camera = Intrinsics(HFOV.focal_for(8, 6), centre_px=centre_px)
     lengths = ray_lengths(camera, centre_px or (3.5, 2.5))
     path = write(tmp_path / "a.npy", 3 * lengths)
     found = depth_of(path, kind=DepthEncoding.DISTANCE, camera=camera)

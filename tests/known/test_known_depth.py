@@ -115,7 +115,7 @@ def test_maps_of_integers_have_a_scale(tmp_path: Path) -> None:
 
 def test_distances_along_the_ray_become_depth(tmp_path: Path) -> None:
     camera = Intrinsics(hfov_deg=60)
-    focal_px = camera.focal_for(6) or 0
+    focal_px = camera.focal_for(6, 4) or 0
     across, down = (np.arange(6) - 2.5) / focal_px, (np.arange(4) - 1.5) / focal_px
     np.save(tmp_path / "a.npy", 3 * np.sqrt(1 + across**2 + down[:, None] ** 2))
     points = read_known_depth(

@@ -297,8 +297,9 @@ def _frame_pixels(
         light = pixels.reshape(*pixels.shape[:2], -1)
         above = encode(light, exposure)
         return light.reshape(pixels.shape), (clip_warning(above / light[..., 0].size),)
+    warnings: tuple[str, ...] = ()
     if decoded.has_video_range:
-        pixels, warnings = from_video_range(pixels, header.white), ()
+        pixels = from_video_range(pixels, header.white)
     else:
         pixels, warnings = full_range(pixels, header.white, *levels)
     hdr = transfer_warning(header.transfer, "image", "sRGB")

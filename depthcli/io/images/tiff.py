@@ -8,7 +8,7 @@ from contextlib import suppress
 from numbers import Real
 from typing import Any, NamedTuple
 
-from depthcli.core.camera import FILM_DIAGONAL_MM
+from depthcli.core.camera import FILM_DIAGONAL_MM, FOCAL_35MM
 from depthcli.errors import InputError, Message
 from depthcli.io.images.opencv import Decoded, Header, decode_with_opencv
 from depthcli.io.images.openimageio import decode_openimageio, needs_openimageio
@@ -79,7 +79,6 @@ _FOCAL_MM, _FOCAL_35MM, _SIZE_PX = 0x920A, 0xA405, (0xA002, 0xA003)
 _PLANE, _PLANE_UNIT = (0xA20E, 0xA20F), 0xA210  # pixels a unit on the sensor, across and down
 _EXIF_TAGS = (_ORIENTATION, EXIF_IFD, _FOCAL_MM, _FOCAL_35MM, *_SIZE_PX, *_PLANE, _PLANE_UNIT)
 _UNITS_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
-_LEAST_35MM, _MOST_35MM = 3, 20_000  # from fisheyes to telescopes; others are mistakes
 _SENSOR_MM = 3.0, 100.0  # diagonals, from phones to medium format
 _SQUARE = 0.1
 _RATIONALS = {_FOCAL_MM, *_PLANE}
@@ -101,7 +100,7 @@ class Exif(NamedTuple):
         focal_35mm = numbers.get(_FOCAL_35MM) or _equivalent(numbers)
         return cls(
             int(orientation) if orientation in range(1, 9) else 1,
-            focal_35mm if _LEAST_35MM <= (focal_35mm or 0) <= _MOST_35MM else None,
+            focal_35mm if FOCAL_35MM.holds(focal_35mm or 0) else None,
             focal_mm,
         )
 

@@ -222,7 +222,7 @@ def _seen_by(
     if frame is not None and frame.windows is not None:
         pixels, display = frame.windows.pixels, frame.windows.display  # that the camera is of
     source = depth.provenance
-    focal_px = options.camera.focal_for(display.width) or source.focal_px
+    focal_px = options.camera.focal_for(display.width, display.height) or source.focal_px
     if focal_px is None:
         raise InputError(f"{name} holds {encoding}, which needs a focal length", "give {focal_px}")
     if encoding is DepthEncoding.DISPARITY:
