@@ -217,6 +217,18 @@ def test_pfm_of_other_programs(scale: str, order: str, end: str, tmp_path: Path)
     np.testing.assert_array_equal(read_stored_depth(tmp_path / "a.pfm").depth.values, HOLED_M)
 
 
+def test_three_equal_channels_are_one_map(tmp_path: Path) -> None:
+    """Depth saved from gray with three channels; --frame cannot choose one of them."""
+    channels = np.stack([HOLED_M.repeat(2, 0)] * 3, -1)
+    np.save(tmp_path / "a.npy", channels)
+    stored = read_stored_depth(tmp_path / "a.npy").depth.values
+    np.testing.assert_array_equal(stored, channels[..., 0])
+    channels[0, 0] = 1, 2, 3
+    np.save(tmp_path / "a.npy", channels)
+    with pytest.raises(InputError, match=r"holds \(6, 4, 3\) float32"):
+        read_stored_depth(tmp_path / "a.npy")
+
+
 def test_colmap_has_no_unit(tmp_path: Path) -> None:
     (tmp_path / "a.jpg.geometric.bin").write_bytes(colmap(np.nan_to_num(HOLED_M)))
     stored = read_stored_depth(tmp_path / "a.jpg.geometric.bin")

@@ -39,6 +39,13 @@ def test_orientation_of_a_jpeg_is_undone_as_opencv_does(orientation: int) -> Non
     assert (frame.orientation, frame.focal_35mm) == (orientation, 28)
 
 
+def test_a_bmp_of_os2_is_read() -> None:
+    """Its header has 12 bytes, and sizes of 16 bits."""
+    head = struct.pack("<2sIIIIHHHH", b"BM", 26 + 8, 0, 26, 12, 2, 1, 1, 24)
+    pixels = read_image(None, head + bytes([3, 2, 1, 6, 5, 4, 0, 0])).pixels
+    assert pixels.tolist() == [[[1, 2, 3], [4, 5, 6]]]
+
+
 @pytest.mark.parametrize("suffix", [".png", ".tiff", ".bmp"])
 def test_lossless_images_are_exact(suffix: str) -> None:
     assert (read_image(None, made.encoded(suffix, IMAGE)).pixels == IMAGE).all()

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 import pytest
 from helpers.videos import NTSC, box, encode, flat_frames, with_box, with_track_tag, write_mp4
+from PIL import Image
 
 from depthcli.core.options import Eye, Projection, ReadOptions
-from depthcli.errors import UsageError
+from depthcli.errors import InputError, UsageError
 from depthcli.video.source import VideoSource
 
 FOCAL_35MM = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
@@ -129,6 +130,13 @@ def test_views_squeezed_into_the_shape_of_one_image_have_wide_pixels(
     source, frames = read(path, options=ReadOptions(eye=Eye.LEFT))
     assert (frames[0].pixels.shape[:2], frames[0].pixel_aspect) == (size, aspect)
     assert len([text for text in source.warnings if "squeezed" in text]) == (aspect != 1)
+
+
+def test_an_animated_webp_is_no_single_image(tmp_path: Path) -> None:
+    first, second = (Image.new("RGB", (16, 16), level) for level in ("red", "blue"))
+    first.save(tmp_path / "a.webp", save_all=True, append_images=[second])
+    with pytest.raises(InputError, match="animated WebP"):
+        VideoSource(tmp_path / "a.webp")
 
 
 def test_two_views_in_a_frame_give_a_warning(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ _NETPBM = re.compile(rb"P[1-6]" + 2 * _NUMBER + rb"(?:" + _NUMBER + rb")?(?:\r\n
 """Width, height and, except for bitmaps, the value of white."""
 _BITMAPS, _PLAIN, _TEXTS = (b"P1", b"P4"), (b"P2", b"P3"), (b"P1", b"P2", b"P3")
 _BYTE = 0xFF
+_OS2_HEAD = b"\x0c\0\0\0"  # bytes of the header of a BMP of OS/2
 
 
 class Header(NamedTuple):
@@ -72,7 +73,8 @@ def gif_header(data: bytes) -> Header:
 
 def bmp_header(data: bytes) -> Header:
     """Header of a BMP."""
-    width, height = struct.unpack_from("<ii", data, 18)
+    form = "<HH" if data[14:18] == _OS2_HEAD else "<ii"
+    width, height = struct.unpack_from(form, data, 18)
     return Header(width, abs(height))
 
 
@@ -99,9 +101,9 @@ _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
 _GRAY_ALPHA, _RANK_OF_COLOUR = 2, 3
 
 
-def decode_with_opencv(data: bytes, *, has_alpha: bool = False) -> Decoded:
+def decode_with_opencv(data: bytes, *, has_alpha: bool = False, flags: int = _FLAGS) -> Decoded:
     """Pixels as the file stores them, and its EXIF; a further channel is alpha, or dropped."""
-    pixels, _, metadata = cv2.imdecodeWithMetadata(np.frombuffer(data, np.uint8), flags=_FLAGS)
+    pixels, _, metadata = cv2.imdecodeWithMetadata(np.frombuffer(data, np.uint8), flags=flags)
     if pixels is None or not pixels.size:
         raise InputError(
             "is damaged, or of a variant that cannot be decoded", "copy it again or convert it"
@@ -111,8 +113,13 @@ def decode_with_opencv(data: bytes, *, has_alpha: bool = False) -> Decoded:
     return Decoded(_without_alpha(pixels), exif, alpha=pixels[..., -1] if is_more else None)
 
 
-decode_bmp = decode_with_opencv
 decode_gif = decode_webp = partial(decode_with_opencv, has_alpha=True)
+
+
+def decode_bmp(data: bytes) -> Decoded:
+    """Pixels of a BMP; those of OS/2 are gray if OpenCV is not asked for colours."""
+    is_os2 = data[14:18] == _OS2_HEAD
+    return decode_with_opencv(data, flags=cv2.IMREAD_COLOR if is_os2 else _FLAGS)
 
 
 def decode_netpbm(data: bytes) -> Decoded:

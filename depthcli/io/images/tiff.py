@@ -193,7 +193,7 @@ def _light_at_half(profile: bytes) -> float | None:
 _SUBFILE_TYPE, _REDUCED, _REDUCED_OR_MASK, _SUB_DIRECTORIES = 254, 0b1, 0b101, 330
 _WIDTH, _HEIGHT, _BITS, _COMPRESSION = 256, 257, 258, 259
 _PHOTOMETRIC, _SAMPLES, _PLANES, _EXTRA_SAMPLES, _FORMATS = 262, 277, 284, 338, 339
-_ROWS_PER_STRIP, _TILE_WIDTH, _TILE_HEIGHT, _LEAST_TILE_BYTES = 278, 322, 323, 1024
+_ROWS_PER_STRIP, _TILE_WIDTH, _TILE_HEIGHT, _TILE_BYTES = 278, 322, 323, 1024
 _TAGS = (
     *(_SUBFILE_TYPE, _SUB_DIRECTORIES, _WIDTH, _HEIGHT, _BITS, _COMPRESSION),
     *(_PHOTOMETRIC, _SAMPLES, _PLANES, _EXTRA_SAMPLES, _FORMATS),
@@ -203,9 +203,7 @@ _ASSOCIATED, _UNASSOCIATED = 1, 2  # alpha: whether colours are multiplied by it
 _EIGHT, _SIXTEEN, _MAX_CHANNELS = 8, 16, 4
 _GDAL_NODATA, _TEXT = 42113, {2: "B"}
 # With any other, OpenCV returns a black image.
-_COMPRESSIONS_OF_OPENCV = frozenset(
-    {1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946, 34676, 34677, 34887, 34925, 50000, 50001}
-)
+_COMPRESSIONS_OF_OPENCV = frozenset({1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946, 34676, 34677})
 _UNCOMPRESSED, _DEFLATE = 1, (8, 32946)
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PLANAR, _FLOAT = 0, 1, 2, 2, 3
 _SUBSAMPLED, _CHANNELS = 6, {_RGB: 3, 5: 4, 6: 3}  # by photometric interpretation, at least
@@ -260,8 +258,8 @@ def _not_for_opencv(tags: Mapping[int, int]) -> str | None:
     if tags.get(_BITS, 1) <= _EIGHT:
         tile = tags.get(_TILE_WIDTH, 0) * tags.get(_TILE_HEIGHT, 0) * channels
         # OpenCV takes tifffile's and tiffcp's for damaged.
-        is_small = 0 < tile < _LEAST_TILE_BYTES and coding == _UNCOMPRESSED
-        return "has uncompressed tiles of less than a kilobyte" if is_small else None
+        is_odd = coding == _UNCOMPRESSED and tile % _TILE_BYTES
+        return "has uncompressed tiles of no whole number of kilobytes" if is_odd else None
     is_float = tags.get(_FORMATS, 1) == _FLOAT
     if is_float and tags[_BITS] == _SIXTEEN:
         return "has half-precision floats"
