@@ -261,6 +261,8 @@ def plain_server() -> Iterator[tuple[str, list[str]]]:
             self.send_header("ETag", '"e"')
             self.send_header("Last-Modified", "Tue, 21 Oct 2025 07:28:00 GMT")
             data = b"hello"[start:] if self.command == "GET" else b""
+            if start:
+                self.send_header("Content-Range", f"bytes {start}-4/5")
             if self.path != "/endless":
                 self.send_header("Content-Length", str(len(data)))
             self.end_headers()
