@@ -2,11 +2,10 @@
 
 import math
 
-import cv2
 import numpy as np
 
 from depthcli.core.arrays import AnyArray, BoolArray, Float64Array, UInt16Array
-from depthcli.core.imageops import row_bands
+from depthcli.core.imageops import nearest_places, row_bands
 from depthcli.core.options import BLACK_LEVEL, WHITE_LEVEL
 from depthcli.core.types import is_out_of_range
 from depthcli.errors import InputError, Message, UsageError
@@ -81,13 +80,8 @@ def fill_transparent(pixels: AnyArray, alpha: AnyArray) -> tuple[AnyArray, BoolA
     if not hidden.any():
         return None
     seeds = alpha >= _OPAQUE * opaque  # colours of softer edges may be mixed with what was behind
-    _, labels = cv2.distanceTransformWithLabels(
-        (~seeds).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    nearest = np.zeros(int(labels.max()) + 1, np.intp)
-    nearest[labels[seeds]] = np.flatnonzero(seeds)
     filled = pixels.copy()
-    filled[hidden] = pixels.reshape(-1, *pixels.shape[2:])[nearest[labels[hidden]]]
+    filled[hidden] = pixels.reshape(-1, *pixels.shape[2:])[nearest_places(seeds)[hidden]]
     return filled, hidden
 
 
