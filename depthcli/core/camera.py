@@ -160,7 +160,10 @@ class Intrinsics:
         if abs(width * own_height - height * own_width) >= max(own_width, own_height):
             size = f"{own_width}×{own_height}"
             problem = f"the calibration is for {size} pixels, another aspect than {width}×{height}"
-            raise InputError(problem, "give its own focal length and principal point")
+            advice = "give its own focal length and principal point"
+            if abs(width * own_width - height * own_height) < max(own_width, own_height):
+                advice = "if EXIF turned the image, turn its pixels, or calibrate upright images"
+            raise InputError(problem, advice)
         scale = width / own_width
         x, y = ((centre + 0.5) * scale - 0.5 for centre in self.centre_px)
         return x, y

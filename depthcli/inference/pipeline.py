@@ -103,6 +103,10 @@ class Pipeline:
         cameras: Sequence[Intrinsics],
         known_depth: Sequence[KnownDepth | None],
     ) -> list[Prediction]:
+        known_depth = [
+            points and points.beside(frame.display_size_px, frame.orientation)
+            for frame, points in zip(frames, known_depth, strict=True)
+        ]
         is_panorama = any(frame.projection.is_other for frame in frames)
         if is_panorama or (
             self.session.load_known_depth and any(map(_is_for_network, known_depth))

@@ -87,7 +87,8 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
         depth = request.pipeline.predict(frame, replace(request.camera, scale=None)).depth
         name = str(frame.path or request.pairs)
         try:
-            points = truth.within(depth.width, depth.height) if len(truth) else truth
+            points = truth.beside(frame.display_size_px, frame.orientation)
+            points = points.within(depth.width, depth.height) if len(truth) else truth
         except UsageError as error:
             raise InputError(error.message.about(name)) from error
         warnings += [about(name, warning) for warning in points.warnings]

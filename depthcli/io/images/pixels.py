@@ -14,6 +14,8 @@ _MIRRORED = {2, 4, 5, 7}
 _QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
 _MAX = {np.dtype(np.uint8): 0xFF, np.dtype(np.uint16): 0xFFFF}
 _SLIVER = 0.065  # of the range: all of 12 bits, or of a thermal camera
+_SAME_ASPECT = 0.01
+_TRANSPOSED = 5  # the first orientation that swaps rows and columns
 _STEP = 4  # pixels between those that are looked at
 _OPAQUE = 0.95
 
@@ -38,6 +40,21 @@ def upright_places(
     for _ in range(_QUARTER_TURNS.get(orientation, 0)):
         x, y, width, height = y, width - x, height, width
     return np.column_stack([x, y]), (width, height)
+
+
+def turn_beside(
+    size_px: tuple[int, int], image_px: tuple[int, int], orientation: int
+) -> int | None:
+    """The EXIF orientation to undo in a map beside an image that its EXIF turned; 1 for none.
+
+    By their columns and rows; None where these do not say whether the map is upright already.
+    """
+    (width, height), (across, down) = size_px, image_px
+    fits = abs(width * down / (height * across) - 1) < _SAME_ASPECT
+    fits_turned = abs(width * across / (height * down) - 1) < _SAME_ASPECT
+    if fits and orientation > 1 and (fits_turned or orientation < _TRANSPOSED):
+        return None
+    return orientation if fits_turned and orientation >= _TRANSPOSED and not fits else 1
 
 
 def full_range(
