@@ -148,8 +148,9 @@ class Intrinsics:
             return float(self.focal_px)
         if self.focal_35mm is None:
             return None
+        # By CIPA DCG-001, the angle over the diagonal is that of a lens on a frame of 36 x 24 mm.
         aspect = self.pixel_aspect or 1
-        return focal_px_of_35mm(self.focal_35mm, width * aspect, height) / aspect
+        return self.focal_35mm * math.hypot(width * aspect, height) / FILM_DIAGONAL_MM / aspect
 
     def centre_for(self, width: int, height: int) -> tuple[float, float] | None:
         """The principal point in pixels of an image, which may be resized; None for its middle."""
@@ -197,12 +198,3 @@ def focal_px_of_crop(
 def hfov_deg(focal_px: float, width: int) -> float:
     """Horizontal field of view in degrees of a focal length in pixels."""
     return math.degrees(2 * math.atan(width / 2 / focal_px))
-
-
-def focal_px_of_35mm(focal_35mm: float, width: float, height: float) -> float:
-    """Focal length in square pixels of an EXIF 35-mm equivalent, for which diagonals are equal.
-
-    Source: CIPA DCG-001, which EXIF's tag FocalLengthIn35mmFilm follows: the angle of view over the
-    diagonal of the image is that of a lens of this focal length on a frame of 36 x 24 mm.
-    """
-    return focal_35mm * math.hypot(width, height) / FILM_DIAGONAL_MM

@@ -1,7 +1,7 @@
 """The surface that a metric depth map shows: points, their neighbours, faces, normals, clouds."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -46,32 +46,26 @@ class Surface:
         steps = _steps(self.depth_m.T)
         return ~(np.isnan(steps) | _stands_out(steps, self.steepest)).T
 
-    def faces(self, *, keep_edges: bool = False) -> npt.NDArray[np.uint32]:
-        """Triangles, (N, 3), of numbers of valid points; counter-clockwise for the camera.
-
-        With ``keep_edges``, also those between two surfaces.
-        """
+    def faces(self) -> npt.NDArray[np.uint32]:
+        """Triangles, (N, 3), of numbers of valid points; counter-clockwise for the camera."""
         numbers = np.cumsum(self.valid, dtype=np.uint32).reshape(self.valid.shape) - np.uint32(1)
         a, b, c, d = numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, :-1], numbers[1:, 1:]
-        whole = replace(self, steepest=math.inf) if keep_edges else self
-        upper, lower = whole.closed()
+        upper, lower = self._closed()
         return np.concatenate(
             [np.stack((a, c, b), -1)[upper], np.stack((b, c, d), -1)[lower]], dtype=np.uint32
         )
 
-    def closed(self) -> tuple[BoolArray, BoolArray]:
+    def _closed(self) -> tuple[BoolArray, BoolArray]:
         """(H - 1, W - 1) bool each, where four neighbours have an upper and a lower triangle."""
         right, down = self.right, self.down
         return right[:-1] & down[:, :-1], right[1:] & down[:, 1:]
 
     def gaps(self) -> tuple[npt.NDArray[np.intp], Float32Array]:
-        """What the camera sees between two surfaces, as part of the farther one.
+        """Rows and columns, (N, 4, 2), of four neighbours between which a triangle is missing.
 
-        Returns:
-            Rows and columns, (N, 4, 2), of four neighbours between which a triangle is missing, and
-            points, (N, 4, 3), that are seen there, at the depth of the farthest of the four.
+        Also the points, (N, 4, 3) in metres, that are seen there at the depth of the farthest.
         """
-        valid, (upper, lower) = self.valid, self.closed()
+        valid, (upper, lower) = self.valid, self._closed()
         is_whole = valid[:-1, :-1] & valid[:-1, 1:] & valid[1:, :-1] & valid[1:, 1:]
         first = np.argwhere(is_whole & ~(upper & lower))
         places = first[:, np.newaxis] + np.array([[0, 0], [0, 1], [1, 0], [1, 1]])

@@ -11,15 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 from xml.etree import ElementTree as ET
 
-from depthcli.core.camera import (
-    FOCAL_PX,
-    HFOV_DEG,
-    PIXEL_ASPECT,
-    CameraScale,
-    Distortion,
-    Intrinsics,
-    hfov_deg,
-)
+from depthcli.core.camera import FOCAL_PX, CameraScale, Distortion, Intrinsics, hfov_deg
 from depthcli.core.options import Rule
 from depthcli.core.validation import parsed_json, validated
 from depthcli.errors import InputError, OutputError, UsageError
@@ -335,18 +327,17 @@ def numbers_in(value: Any) -> list[float]:  # noqa: ANN401 - of any file
 
 _KEPT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _PAIR = Rule("a list of two", lambda values: len(values) == 2)  # noqa: PLR2004
-_LENS = Rule("focal lengths, coefficients and true or false", lambda lens: len(lens) == 3)  # noqa: PLR2004
 
 
 @dataclass(frozen=True, slots=True)
 class _KeptCamera:
     """The fields of a camera's file beside those of its scale; in 0.22 the first alone."""
 
-    hfov_deg: Annotated[float, HFOV_DEG] | None = None
+    hfov_deg: float | None = None
     centre_px: Annotated[tuple[float, ...], _PAIR] | None = None
     size_px: Annotated[tuple[int, ...], _PAIR] | None = None
-    pixel_aspect: Annotated[float, PIXEL_ASPECT] | None = None
-    distortion: Annotated[tuple[Any, ...], _LENS] | None = None
+    pixel_aspect: float | None = None
+    distortion: tuple[Any, ...] | None = None
 
 
 def keep_camera(scale: CameraScale, camera: Intrinsics) -> Path:

@@ -16,6 +16,7 @@ from av.video.frame import VideoFrame
 from depthcli.core.imageops import PANORAMA, transfer_warning
 from depthcli.core.options import Eye, Projection, ReadOptions
 from depthcli.errors import Message, UsageError
+from depthcli.io.images.heif import boxes
 
 _FOCAL_35MM = "camera.focal_length.35mm_equivalent"
 _LENS = re.compile(r"focal|lens", re.IGNORECASE)
@@ -56,9 +57,9 @@ def _quicktime_tags(path: Path) -> dict[str, str]:
         path.open("rb") as file,
         mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data,
     ):
-        for moov in _boxes(data, b"moov", 0, len(data)):
-            for place in (moov, *_boxes(data, b"trak", *moov)):
-                for meta in _boxes(data, b"meta", *place):
+        for moov in boxes(data, b"moov", 0, len(data)):
+            for place in (moov, *boxes(data, b"trak", *moov)):
+                for meta in boxes(data, b"meta", *place):
                     tags = dict(_items(data, *meta)) | tags  # the first of a name counts
     return tags
 
@@ -66,12 +67,12 @@ def _quicktime_tags(path: Path) -> dict[str, str]:
 def _items(data: mmap.mmap, start: int, end: int) -> Iterator[tuple[str, str]]:
     """Names and values of a metadata box."""
     names = []
-    for at, stop in _boxes(data, b"keys", start, end):
-        names += [data[i + 4 : j] for i, j in _boxes(data, None, at + 8, stop, head=4)]
-    for ilst in _boxes(data, b"ilst", start, end):
-        for at, stop in _boxes(data, None, *ilst):
+    for at, stop in boxes(data, b"keys", start, end):
+        names += [data[i + 4 : j] for i, j in boxes(data, None, at + 8, stop, head=4)]
+    for ilst in boxes(data, b"ilst", start, end):
+        for at, stop in boxes(data, None, *ilst):
             number = int.from_bytes(data[at - 4 : at])
-            for i, j in _boxes(data, b"data", at, stop):
+            for i, j in boxes(data, b"data", at, stop):
                 if 0 < number <= len(names) and i + 8 <= j:
                     name = names[number - 1].decode("utf-8", "replace")
                     yield name, _value(int.from_bytes(data[i : i + 4]), data[i + 8 : j])
@@ -83,22 +84,6 @@ def _value(kind: int, data: bytes) -> str:
     if (kind, len(data)) in {(_FLOAT32, 4), (_FLOAT64, 8)}:
         return f"{struct.unpack('>f' if kind == _FLOAT32 else '>d', data)[0]:g}"
     return f"{int.from_bytes(data[:8])}"
-
-
-def _boxes(
-    data: mmap.mmap, kind: bytes | None, start: int, end: int, head: int = 8
-) -> Iterator[tuple[int, int]]:
-    """Where the content of each box of a kind begins and ends (ISO/IEC 14496-12, 4.2)."""
-    while start + head <= end:
-        size, begin = int.from_bytes(data[start : start + 4]), start + head
-        if size == 1:
-            size, begin = int.from_bytes(data[start + 8 : start + 16]), start + 16
-        stop = start + size if size else end
-        if not begin <= stop <= end:
-            return
-        if kind is None or data[start + 4 : start + 8] == kind:
-            yield begin, stop
-        start = stop
 
 
 def camera_warnings(

@@ -16,7 +16,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
-from depthcli.core.camera import focal_px_of_35mm
+from depthcli.core.camera import Intrinsics
 from depthcli.core.imageops import PANORAMA
 from depthcli.core.options import Eye
 from depthcli.core.types import DepthMap
@@ -107,7 +107,8 @@ def test_focal_length_of_a_canon_camera_is_that_of_its_sensor() -> None:
     Image.fromarray(np.zeros((32, 48, 3), np.uint8)).save(file, "JPEG", exif=exif)
     frame = read_image(None, file.getvalue())
     assert frame.focal_35mm is not None
-    assert focal_px_of_35mm(frame.focal_35mm, 48, 32) == pytest.approx(36 / 22.96 * 48, rel=2e-3)
+    focal_px = Intrinsics(focal_35mm=frame.focal_35mm).focal_for(48, 32)
+    assert focal_px == pytest.approx(36 / 22.96 * 48, rel=2e-3)
     inner[0xA20E] = IFDRational(5_184_000 * 30, 904)  # as some bodies: a sensor of a millimetre
     Image.fromarray(np.zeros((32, 48, 3), np.uint8)).save(file := BytesIO(), "JPEG", exif=exif)
     frame = read_image(None, file.getvalue())

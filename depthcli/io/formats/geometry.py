@@ -3,6 +3,7 @@
 import json
 import math
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,10 @@ class SurfaceWriter(WriterOptions):
         if not surface.valid.any():
             raise OutputError("no point is left", "raise {max_depth_m}, or lower {stride}")
         return surface, warnings
+
+    def joined(self, surface: Surface) -> Surface:
+        """The surface, whose triangles reach across edges if these are kept."""
+        return replace(surface, steepest=math.inf) if self.keep_edges else surface
 
 
 def camera_of(depth: DepthMap) -> tuple[float, tuple[Message, ...]]:
@@ -96,9 +101,7 @@ class PlyWriter(SurfaceWriter):
         """Write one vertex for each pixel with depth; comments in the header have the metadata."""
         surface, warnings = self.surface(depth)
         points = self._points(surface, frame)
-        numbers = np.empty((0, 3), np.uint32)
-        if self.faces:
-            numbers = surface.faces(keep_edges=self.keep_edges)
+        numbers = self.joined(surface).faces() if self.faces else np.empty((0, 3), np.uint32)
         faces = np.empty(len(numbers), _FACE)
         faces["count"], faces["numbers"] = 3, numbers
         texts = metadata_texts(depth)
@@ -148,9 +151,9 @@ class GlbWriter(SurfaceWriter):
         Where they are cut, the farther surface goes on as far as the camera sees it.
         """
         surface, warnings = self.surface(depth)
-        xyz_m, faces = surface.xyz_m[surface.valid], surface.faces(keep_edges=self.keep_edges)
-        gaps, gaps_m = surface.gaps()
-        if has_gaps := len(gaps) > 0 and not self.keep_edges:
+        surface = self.joined(surface)
+        xyz_m, faces, (gaps, gaps_m) = surface.xyz_m[surface.valid], surface.faces(), surface.gaps()
+        if len(gaps):
             first = np.arange(len(xyz_m), len(xyz_m) + 4 * len(gaps), 4, dtype=np.uint32)
             two = first[:, np.newaxis] + np.array([0, 2, 1, 1, 2, 3], np.uint32)
             faces = np.concatenate([faces, two.reshape(-1, 3)])
@@ -165,7 +168,7 @@ class GlbWriter(SurfaceWriter):
         else:
             # The middle of each point's pixel in the image, from 0 at the top left to 1.
             places = np.argwhere(surface.valid)
-            places = np.concatenate([places, gaps.reshape(-1, 2)]) if has_gaps else places
+            places = np.concatenate([places, gaps.reshape(-1, 2)]) if len(gaps) else places
             middles = (places * self.stride + 0.5)[:, ::-1]
             uv = (middles / (depth.width, depth.height)).astype(np.float32)
             attributes["TEXCOORD_0"] = buffer.add_array(uv, _VERTICES, "VEC2")

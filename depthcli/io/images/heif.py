@@ -2,8 +2,10 @@
 
 import re
 import struct
+from collections.abc import Iterator
 from contextlib import suppress
 from io import BytesIO
+from mmap import mmap
 from typing import Any
 
 import numpy as np
@@ -17,8 +19,6 @@ from depthcli.io.media import is_installed
 _HEVC_BRANDS = frozenset((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"hevm", b"hevs"))
 _AVIF_BRANDS = frozenset((b"avif", b"avis"))
 _MAX_BRANDS_BYTES = 256
-_HEADER_BYTES = 8  # of a box, before its content
-_LONG_HEADER_BYTES = 16  # of one whose size takes 64 bits, as of some cameras' pixels
 _ISPE = re.compile(rb"ispe")
 _NCLX = re.compile(rb"colrnclx..(..)", re.DOTALL)
 _CONFIGURATION = re.compile(rb"av1C\x81.(.)", re.DOTALL)
@@ -71,26 +71,28 @@ def property_orientation(data: bytes) -> int:
 
 def find_box(data: bytes, kind: bytes) -> bytes:
     """Content of the first box of a kind, as far as it is there; empty if there is none."""
-    start, end = _extent(data, kind)
+    start, end = next(boxes(data, kind), (0, 0))
     return data[start:end]
 
 
-def _extent(data: bytes, wanted: bytes) -> tuple[int, int]:
-    """Where the content of the first box of a kind begins and ends; (0, 0) if there is none."""
-    at = 0
-    while at + _HEADER_BYTES <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, at)
-        header = _HEADER_BYTES
-        if length == 1 and at + _LONG_HEADER_BYTES <= len(data):
-            header, (length,) = _LONG_HEADER_BYTES, struct.unpack_from(">Q", data, at + header)
-        if length == 0:  # to the end of the file
-            length = len(data) - at
-        if kind == wanted:
-            return at + header, at + length
-        if length < header:
-            break
-        at += length
-    return 0, 0
+def boxes(
+    data: bytes | mmap, kind: bytes | None, start: int = 0, end: int | None = None, head: int = 8
+) -> Iterator[tuple[int, int]]:
+    """Where the content of each box of a kind, of all for None, begins and ends.
+
+    The last one may end beyond the data; ``head`` is bytes of size and kind.
+    """
+    end = len(data) if end is None else end
+    while start + head <= end:
+        size, begin = int.from_bytes(data[start : start + 4]), start + head
+        if size == 1:  # as of some cameras' pixels
+            size, begin = int.from_bytes(data[start + 8 : start + 16]), start + 16
+        stop = start + size if size else end
+        if kind is None or data[start + 4 : start + 8] == kind:
+            yield begin, stop
+        if stop < begin:
+            return
+        start = stop
 
 
 def _brands(data: bytes) -> set[bytes]:
@@ -129,7 +131,7 @@ def decode_avif(data: bytes) -> Decoded:
 
 def heif_header(data: bytes) -> Header:
     """Size of the primary image of a HEIF file, and what else it states."""
-    start, end = _extent(data, b"mdat")
+    start, end = next(boxes(data, b"mdat"), (0, 0))
     if not start < end <= len(data):  # libheif makes up tiles that are missing, without an error
         raise InputError("is truncated (its end is missing)", "copy it again")
     file = _opened(data)
