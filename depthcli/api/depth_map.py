@@ -56,7 +56,10 @@ class SaveOptions(TypedDict, total=False):
     max_depth_m: float | None
     keep_edges: bool | None
     faces: bool | None
-    stereo_layout: Literal["side-by-side", "anaglyph"] | None
+    stereo_layout: (
+        Literal["side-by-side", "top-bottom", "half-side-by-side", "half-top-bottom", "anaglyph"]
+        | None
+    )
     eye_distance_m: float | None
     convergence_m: float | None
 

@@ -9,7 +9,7 @@ import typer
 from depthcli.cli import completion
 from depthcli.cli.groups import OPTION, USUAL, checked, group
 from depthcli.core import options as choices
-from depthcli.core.camera import FOCAL_PX, HFOV_DEG
+from depthcli.core.camera import FOCAL_35MM, FOCAL_PX, HFOV_DEG, PIXEL_ASPECT
 from depthcli.io.formats import options as formats
 
 MAX_THREADS = 1024
@@ -84,6 +84,16 @@ class PinholeOptions:
         "Horizontal field of view in degrees, instead of --focal-px. Default: from EXIF, "
         "else the model's camera.",
         callback=field_of_view,
+    )
+    focal_35mm: float | None = option(
+        "Focal length in millimetres as its 35-mm equivalent, instead of --focal-px.",
+        callback=checked(FOCAL_35MM),
+        metavar="MM",
+    )
+    pixel_aspect: float | None = option(
+        "Width of a pixel by its height: 2 for views squeezed side by side. Default: as stated.",
+        callback=checked(PIXEL_ASPECT),
+        metavar="RATIO",
     )
     centre_px: str | None = option(
         "Principal point in pixels, for point clouds and for the metadata of the outputs; "

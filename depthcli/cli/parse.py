@@ -25,9 +25,10 @@ if TYPE_CHECKING:
     from depthcli.known.files import KnownDepthFiles
 
 ALTERNATIVES = (
-    ("calibration", "cameras", "focal_px", "hfov"),
+    ("calibration", "cameras", "focal_px", "hfov", "focal_35mm"),
     ("calibration", "camera"),
     ("calibration", "centre_px"),
+    ("calibration", "pixel_aspect"),
     ("rectified", "undistort"),
     ("anchor", "anchors"),
     ("png_scale", "png_normalize", "png_inverse"),
@@ -94,7 +95,13 @@ def camera(options: groups.PinholeOptions) -> Intrinsics:
         if options.centre_px is not None:
             x, y = numbers(options.centre_px, "CX,CY", "319.5,239.5", option="centre_px")
             centre_px = x, y
-        intrinsics = Intrinsics(options.focal_px, options.hfov, centre_px)
+        intrinsics = Intrinsics(
+            options.focal_px,
+            options.hfov,
+            centre_px,
+            pixel_aspect=options.pixel_aspect,
+            focal_35mm=options.focal_35mm,
+        )
         name = getattr(options, "camera", None)
         has_table = getattr(options, "cameras", None) is not None
         return intrinsics if name is None else _kept(name, intrinsics, has_table=has_table)
@@ -117,6 +124,7 @@ def _kept(name: str, explicit: Intrinsics, *, has_table: bool) -> Intrinsics:
         raise UsageError(problem, "leave {focal_px}, {hfov}, {centre_px} and {cameras} out")
     if explicit.has_focal:
         return replace(explicit, scale=calibrated.scale)
+    calibrated = replace(calibrated, pixel_aspect=explicit.pixel_aspect or calibrated.pixel_aspect)
     if explicit.centre_px is None:
         return calibrated
     # In pixels of images of any size, unlike the kept focal length.

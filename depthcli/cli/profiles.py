@@ -31,7 +31,7 @@ def profile_files() -> tuple[Path, ...]:
 def read_profiles(path: Path) -> dict[str, dict[str, Any]]:
     """The profiles of a file by name; none if there is no such file."""
     try:
-        tables = tomllib.loads(read_regular(path, _MAX_BYTES).decode())
+        tables = tomllib.loads(read_regular(path, _MAX_BYTES).decode("utf-8-sig"))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:
@@ -56,6 +56,8 @@ def apply(context: Any, name: str) -> None:  # noqa: ANN401 - typer's own
     parameters, defaults = _options_of(context.command), {}
     for key, value in values.items():
         if key in parameters:
+            if isinstance(value, bool) and not parameters[key].is_flag:
+                raise UsageError(f"profile {name!r}: {key} takes a value, not true or false")
             listed = value if isinstance(value, list) or not parameters[key].multiple else [value]
             if parameters[key].name == "formats":  # without those of other commands
                 of_any, of_own = {*Format, *VideoFormat}, parameters[key].type.choices
@@ -91,7 +93,7 @@ class _Defaults(dict[str, Any]):
 
 _EXCLUDING = (
     *ALTERNATIVES,
-    ("rectified", "cameras", "focal_px", "hfov"),
+    ("rectified", "cameras", "focal_px", "hfov", "focal_35mm"),
     ("rectified", "centre_px"),
     ("colormap", "near"),
 )  #: parameters of which one on the command line overrides the others of a profile

@@ -12,10 +12,15 @@ from typing import NamedTuple, Self
 from depthcli.core.options import Rule
 from depthcli.errors import InputError, Message, UsageError
 
+WIDEST_DEG = 130.0  #: horizontal field of view; hardly any camera without distortion sees more
 HFOV_DEG = Rule("an angle from 0.1 to 179.9 degrees", lambda deg: 0.1 <= deg <= 179.9)  # noqa: PLR2004
 """Horizontal fields of view; outside this range, depths would be almost zero or infinite."""
 FOCAL_PX = Rule("a number from 0.001 to 1e8", lambda px: 1e-3 <= px <= 1e8)  # noqa: PLR2004
 """Focal lengths in pixels: what these angles give at any width of an image."""
+FOCAL_35MM = Rule("from 3 to 20000 mm", lambda mm: 3 <= mm <= 20_000)  # noqa: PLR2004
+"""35-mm equivalents, from fisheyes to telescopes; others are mistakes."""
+PIXEL_ASPECT = Rule("a number from 0.1 to 10", lambda ratio: 0.1 <= ratio <= 10)  # noqa: PLR2004
+"""Widths of pixels by their heights."""
 CENTRE_PX = Rule("a number from -1e6 to 1e6", lambda px: abs(px) <= 1e6)  # noqa: PLR2004
 """Principal points in pixels, in x and in y; a crop may have it outside the image."""
 DEPTH_M_RANGE = 1e-3, 1e6  #: least and largest depth of known points in metres
@@ -87,6 +92,8 @@ class Intrinsics:
     distortion: Distortion | None = None  #: of its lens, which a pinhole has not
     is_undistorted: bool = False  #: whether images are rectified by it when they are read
     scale: CameraScale | None = None  #: correction of metres that was measured for it
+    #: 35-mm equivalent of its focal length in millimetres, as of EXIF; after the other two
+    focal_35mm: float | None = None
 
     def __post_init__(self) -> None:
         focal_px, hfov_deg = self.focal_px, self.hfov_deg
@@ -115,7 +122,7 @@ class Intrinsics:
     @property
     def has_focal(self) -> bool:
         """Whether the focal length is known."""
-        return self.focal_px is not None or self.hfov_deg is not None
+        return (self.focal_px, self.hfov_deg, self.focal_35mm) != (None, None, None)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -133,11 +140,17 @@ class Intrinsics:
         is_distorted = self.distortion is not None and not self.is_undistorted
         return (distorted,) * is_distorted + (unsized,) * is_unsized
 
-    def focal_for(self, width: int) -> float | None:
-        """Focal length in pixels of an image of this width; None if it is not known."""
+    def focal_for(self, width: int, height: int) -> float | None:
+        """Focal length in pixels of an image of this size; None if it is not known."""
         if self.hfov_deg is not None:
             return focal_px_of_hfov(float(self.hfov_deg), width)
-        return None if self.focal_px is None else float(self.focal_px)
+        if self.focal_px is not None:
+            return float(self.focal_px)
+        if self.focal_35mm is None:
+            return None
+        # By CIPA DCG-001, the angle over the diagonal is that of a lens on a frame of 36 x 24 mm.
+        aspect = self.pixel_aspect or 1
+        return self.focal_35mm * math.hypot(width * aspect, height) / FILM_DIAGONAL_MM / aspect
 
     def centre_for(self, width: int, height: int) -> tuple[float, float] | None:
         """The principal point in pixels of an image, which may be resized; None for its middle."""
@@ -148,7 +161,10 @@ class Intrinsics:
         if abs(width * own_height - height * own_width) >= max(own_width, own_height):
             size = f"{own_width}×{own_height}"
             problem = f"the calibration is for {size} pixels, another aspect than {width}×{height}"
-            raise InputError(problem, "give its own focal length and principal point")
+            advice = "give its own focal length and principal point"
+            if abs(width * own_width - height * own_height) < max(own_width, own_height):
+                advice = "if EXIF turned the image, turn its pixels, or calibrate upright images"
+            raise InputError(problem, advice)
         scale = width / own_width
         x, y = ((centre + 0.5) * scale - 0.5 for centre in self.centre_px)
         return x, y
@@ -182,12 +198,3 @@ def focal_px_of_crop(
 def hfov_deg(focal_px: float, width: int) -> float:
     """Horizontal field of view in degrees of a focal length in pixels."""
     return math.degrees(2 * math.atan(width / 2 / focal_px))
-
-
-def focal_px_of_35mm(focal_35mm: float, width: float, height: float) -> float:
-    """Focal length in square pixels of an EXIF 35-mm equivalent, for which diagonals are equal.
-
-    Source: CIPA DCG-001, which EXIF's tag FocalLengthIn35mmFilm follows: the angle of view over the
-    diagonal of the image is that of a lens of this focal length on a frame of 36 x 24 mm.
-    """
-    return focal_35mm * math.hypot(width, height) / FILM_DIAGONAL_MM

@@ -166,6 +166,17 @@ def filled_nearest(values: Float32Array, valid: BoolArray) -> Float32Array:
     return np.where(valid, values, value_of[labels])
 
 
+def nearest_places(mask: BoolArray) -> npt.NDArray[np.intp]:
+    """Flat index of the nearest pixel, for each, that is true in a mask; (H, W)."""
+    _, labels = cv2.distanceTransformWithLabels(
+        (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    places = np.zeros(int(labels.max()) + 1, np.intp)
+    places[labels[mask]] = np.flatnonzero(mask)
+    nearest: npt.NDArray[np.intp] = places[labels]
+    return nearest
+
+
 def row_bands(width: int, height: int) -> Iterator[slice]:
     """Rows of an image from top to bottom, about :data:`BAND_PIXELS` pixels at a time."""
     count = -(-height // -(-height * width // BAND_PIXELS))

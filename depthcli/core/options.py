@@ -130,6 +130,9 @@ class StereoLayout(StrEnum):
     """Arrangement of the views of two eyes."""
 
     SIDE_BY_SIDE = "side-by-side"  #: the left eye's view at the left
+    TOP_BOTTOM = "top-bottom"  #: the left eye's view above
+    HALF_SIDE_BY_SIDE = "half-side-by-side"  #: each squeezed to half of the width
+    HALF_TOP_BOTTOM = "half-top-bottom"  #: each squeezed to half of the height
     ANAGLYPH = "anaglyph"  #: for glasses whose left side is red and whose right side is cyan
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli.core.arrays import BoolArray, Float32Array, UInt8Array
+from depthcli.core.imageops import nearest_places
 from depthcli.core.types import DepthMap, panorama_rays
 
 # Chosen on scenes with exact depth: of points more than 10 cm off any surface, one in eight
@@ -49,11 +50,28 @@ class Surface:
         """Triangles, (N, 3), of numbers of valid points; counter-clockwise for the camera."""
         numbers = np.cumsum(self.valid, dtype=np.uint32).reshape(self.valid.shape) - np.uint32(1)
         a, b, c, d = numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, :-1], numbers[1:, 1:]
-        right, down = self.right, self.down
-        upper, lower = right[:-1] & down[:, :-1], right[1:] & down[:, 1:]
+        upper, lower = self._closed()
         return np.concatenate(
             [np.stack((a, c, b), -1)[upper], np.stack((b, c, d), -1)[lower]], dtype=np.uint32
         )
+
+    def _closed(self) -> tuple[BoolArray, BoolArray]:
+        """(H - 1, W - 1) bool each, where four neighbours have an upper and a lower triangle."""
+        right, down = self.right, self.down
+        return right[:-1] & down[:, :-1], right[1:] & down[:, 1:]
+
+    def gaps(self) -> tuple[npt.NDArray[np.intp], Float32Array]:
+        """Rows and columns, (N, 4, 2), of four neighbours between which a triangle is missing.
+
+        Also the points, (N, 4, 3) in metres, that are seen there at the depth of the farthest.
+        """
+        valid, (upper, lower) = self.valid, self._closed()
+        is_whole = valid[:-1, :-1] & valid[:-1, 1:] & valid[1:, :-1] & valid[1:, 1:]
+        first = np.argwhere(is_whole & ~(upper & lower))
+        places = first[:, np.newaxis] + np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+        depth_m = self.depth_m[places[..., 0], places[..., 1]]
+        ratio = depth_m.max(1, keepdims=True, initial=0) / depth_m
+        return places, self.xyz_m[places[..., 0], places[..., 1]] * ratio[..., np.newaxis]
 
     def normals(self) -> Float32Array:
         """Unit normals towards the camera, (H, W, 3) float32, axes as the points; NaN without one.
@@ -76,6 +94,7 @@ def surface_of(
     stride: int = 1,
     max_depth_m: float | None = None,
     keep_edges: bool = True,
+    fill_edges: bool = False,
 ) -> Surface:
     """Points of a pinhole camera, or along the rays of a panorama.
 
@@ -87,6 +106,7 @@ def surface_of(
         stride: every n-th pixel of every n-th row.
         max_depth_m: pixels beyond have no point; None for no limit.
         keep_edges: whether pixels between near and far, where an edge is smeared, have a point.
+        fill_edges: whether they otherwise have that of the nearest other pixel, not none.
     """
     source = depth.provenance
     if source.projection.is_other:
@@ -94,7 +114,10 @@ def surface_of(
     valid = depth.valid if max_depth_m is None else depth.valid & (depth.values <= max_depth_m)
     depth_m = np.where(valid, depth.values, np.float32(np.nan))
     if not keep_edges:
-        depth_m[is_flying(depth_m, focal_px)] = np.nan
+        flying = is_flying(depth_m, focal_px)
+        others = np.where(flying, np.float32(np.nan), depth_m)
+        depth_m = others.ravel()[nearest_places(~np.isnan(others))] if fill_edges else others
+        depth_m[~valid] = np.nan
     depth_m = depth_m[::stride, ::stride]
     rays = _rays(depth, focal_px)[::stride, ::stride]
     return Surface(rays * depth_m[..., np.newaxis], depth_m, _TORN * stride / focal_px)

@@ -269,8 +269,7 @@ class Provenance:
 class DepthMap:
     """Depth of every pixel of one image."""
 
-    #: (H, W) float32, metres for ``DepthKind.METRIC``; NaN where there is no depth; of a file of
-    #: another program, also infinity, and for metres 0 and below
+    #: (H, W) float32, metres for ``DepthKind.METRIC``; NaN where there is no depth
     values: Float32Array
     kind: DepthKind = DepthKind.METRIC  #: what the numbers mean
     provenance: Provenance = Provenance()  #: how they were made, as far as that is known
@@ -389,7 +388,7 @@ def doubt_of_metres(median_m: float) -> str:
 def with_camera(depth: DepthMap, camera: Intrinsics) -> DepthMap:
     """Depth that states a given camera; what of it is not given stays as it is."""
     changes: dict[str, Any] = {
-        "focal_px": camera.focal_for(depth.width),
+        "focal_px": camera.focal_for(depth.width, depth.height),
         "centre_px": camera.centre_for(depth.width, depth.height),
         "pixel_aspect": camera.pixel_aspect,
     }

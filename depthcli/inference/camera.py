@@ -13,7 +13,6 @@ from depthcli.core.camera import (
     HFOV_DEG,
     CameraSource,
     Intrinsics,
-    focal_px_of_35mm,
     focal_px_of_crop,
     focal_px_of_hfov,
 )
@@ -43,10 +42,11 @@ def intrinsics_of(card: ModelCard, frame: Frame, camera: Intrinsics) -> Intrinsi
     """
     aspect = frame.pixel_aspect if camera.pixel_aspect is None else camera.pixel_aspect
     width, height = frame.display_size_px
-    focal_px, source = camera.focal_for(width), CameraSource.OPTION
+    camera = replace(camera, pixel_aspect=aspect)
+    focal_px, source = camera.focal_for(width, height), CameraSource.OPTION
     if focal_px is None and frame.focal_35mm is not None:
-        square_px = focal_px_of_35mm(frame.focal_35mm, width * aspect, height)
-        focal_px, source = square_px / aspect, CameraSource.EXIF
+        exif = Intrinsics(pixel_aspect=aspect, focal_35mm=frame.focal_35mm)
+        focal_px, source = exif.focal_for(width, height), CameraSource.EXIF
     learned = metric_camera(card)
     if focal_px is None and learned is not None:
         # docs/accuracy.md has measurements of alternatives to the largest crop.

@@ -12,6 +12,7 @@ from depthcli.core.arrays import BoolArray, Float32Array
 from depthcli.core.camera import (
     DEPTH_M_RANGE,
     UNKNOWN_CAMERA,
+    WIDEST_DEG,
     CameraScale,
     CameraSource,
     Intrinsics,
@@ -102,6 +103,10 @@ class Pipeline:
         cameras: Sequence[Intrinsics],
         known_depth: Sequence[KnownDepth | None],
     ) -> list[Prediction]:
+        known_depth = [
+            points and points.beside(frame.display_size_px, frame.orientation)
+            for frame, points in zip(frames, known_depth, strict=True)
+        ]
         is_panorama = any(frame.projection.is_other for frame in frames)
         if is_panorama or (
             self.session.load_known_depth and any(map(_is_for_network, known_depth))
@@ -342,9 +347,13 @@ def _finished(
 
 
 def _camera_warnings(depth: DepthMap, frame: Frame) -> tuple[str, ...]:
-    """A warning of an EXIF without the image's own focal length; else none."""
-    source = depth.provenance.camera_source
+    """A warning of a focal length that is hardly the image's, or not in its EXIF; else none."""
+    source, focal_px = depth.provenance.camera_source, depth.provenance.focal_px
     width, height = frame.display_size_px
+    view_deg = hfov_deg(focal_px or math.inf, width)
+    if source is CameraSource.OPTION and view_deg > WIDEST_DEG:
+        text = f"a focal length of {focal_px:.4g} pixels sees {view_deg:.0f}°, more than cameras do"
+        return (Message(text, "if it is in millimetres, give {focal_35mm} or {hfov}"),)
     if source is CameraSource.CARD and frame.focal_mm is not None:
         text = f"the file states a focal length of {frame.focal_mm:g} mm, and not the sensor's size"
     elif source is CameraSource.EXIF and max(width, height) > _LONGEST * min(width, height):

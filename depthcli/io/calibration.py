@@ -8,11 +8,12 @@ import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 from xml.etree import ElementTree as ET
 
 from depthcli.core.camera import FOCAL_PX, CameraScale, Distortion, Intrinsics, hfov_deg
-from depthcli.core.validation import parsed_json
+from depthcli.core.options import Rule
+from depthcli.core.validation import parsed_json, validated
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.storage.atomic import write_text
 from depthcli.io.storage.paths import config_folder, path_of, read_bytes, read_regular
@@ -325,13 +326,25 @@ def numbers_in(value: Any) -> list[float]:  # noqa: ANN401 - of any file
 
 
 _KEPT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
-_KEPT = ("hfov_deg", "centre_px", "size_px", "pixel_aspect", "distortion")  # in 0.22 the first
+_PAIR = Rule("a list of two", lambda values: len(values) == 2)  # noqa: PLR2004
+
+
+@dataclass(frozen=True, slots=True)
+class _KeptCamera:
+    """The fields of a camera's file beside those of its scale; in 0.22 the first alone."""
+
+    hfov_deg: float | None = None
+    centre_px: Annotated[tuple[float, ...], _PAIR] | None = None
+    size_px: Annotated[tuple[int, ...], _PAIR] | None = None
+    pixel_aspect: float | None = None
+    distortion: tuple[Any, ...] | None = None
 
 
 def keep_camera(scale: CameraScale, camera: Intrinsics) -> Path:
     """Write a camera, whose scale was measured; an earlier one of the name is replaced."""
     path = _kept_path(scale.name)
-    document = {name: getattr(camera, name) for name in _KEPT} | asdict(scale)
+    names = _KeptCamera.__slots__
+    document = {name: getattr(camera, name) for name in names} | asdict(scale)
     try:
         write_text(json.dumps(document, indent=2) + "\n", path)
     except OutputError as error:
@@ -345,16 +358,20 @@ def kept_camera(name: str) -> Intrinsics:
     path = _kept_path(name)
     try:
         document: Any = parsed_json(read_regular(path, _MAX_BYTES))
-        hfov_deg, centre_px, size_px, aspect, lens = (document.pop(name, None) for name in _KEPT)
+        fields = {name: document.pop(name, None) for name in _KeptCamera.__slots__}
+        camera: Any = validated(_KeptCamera, fields)
+        size_px = camera.size_px
+        kinds: Any = Annotated[tuple[float, ...], _PAIR], tuple[float, ...], bool
+        lens = [validated(*part) for part in zip(kinds, camera.distortion or (), strict=False)]
         return Intrinsics(
-            Intrinsics(hfov_deg=hfov_deg).focal_for(size_px[0]) if size_px else None,
-            hfov_deg,
-            centre_px and tuple(centre_px),
-            size_px and tuple(size_px),
-            aspect,
-            distortion=lens and Distortion(tuple(lens[0]), tuple(lens[1]), lens[2]),
-            is_undistorted=lens is not None,
-            scale=CameraScale(**document),
+            Intrinsics(hfov_deg=camera.hfov_deg).focal_for(*size_px) if size_px else None,
+            camera.hfov_deg,
+            camera.centre_px,
+            size_px,
+            camera.pixel_aspect,
+            distortion=Distortion(*lens) if lens else None,
+            is_undistorted=bool(lens),
+            scale=validated(CameraScale, document),
         )
     except FileNotFoundError as error:
         there = sorted(file.stem for file in path.parent.glob("*.json"))
@@ -362,8 +379,10 @@ def kept_camera(name: str) -> Intrinsics:
         raise UsageError(
             f"no camera named {name!r}: {choice}", "make it with 'depthcli calibrate'"
         ) from error
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-        raise UsageError(f"{path} is no calibrated camera", "calibrate it again") from error
+    except (OSError, ValueError, TypeError, AttributeError) as error:
+        raise UsageError(
+            f"{path} is no calibrated camera: {error}", "calibrate it again"
+        ) from error
 
 
 def _kept_path(name: str) -> Path:

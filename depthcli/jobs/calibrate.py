@@ -87,7 +87,8 @@ def calibrate(request: CalibrationRequest) -> Calibrated:
         depth = request.pipeline.predict(frame, replace(request.camera, scale=None)).depth
         name = str(frame.path or request.pairs)
         try:
-            points = truth.within(depth.width, depth.height) if len(truth) else truth
+            points = truth.beside(frame.display_size_px, frame.orientation)
+            points = points.within(depth.width, depth.height) if len(truth) else truth
         except UsageError as error:
             raise InputError(error.message.about(name)) from error
         warnings += [about(name, warning) for warning in points.warnings]
@@ -170,7 +171,7 @@ def _of_pairs(folder: Path) -> Iterator[tuple[Frame, KnownDepth]]:
 def _points(request: CalibrationRequest, frame: Frame) -> KnownDepth:
     anchors = request.anchors
     if request.known_object is not None:
-        focal_px = request.camera.focal_for(frame.width)
+        focal_px = request.camera.focal_for(frame.width, frame.height)
         if focal_px is None:
             raise UsageError("", "an object of known height needs {focal_px} or {hfov}")
         down = request.camera.pixel_aspect or frame.pixel_aspect

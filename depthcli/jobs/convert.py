@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from depthcli.core import parallel, types
-from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics, focal_px_of_35mm
+from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
 from depthcli.core.options import AS_STATED, MAX_PIXELS, MILLIMETRES, DepthEncoding, ReadOptions
 from depthcli.core.temporal import RangeLock, ema_decay
 from depthcli.errors import DepthcliError, InputError, Message, UsageError
@@ -71,15 +71,14 @@ class RoundTrip:
 
     max_error: float  #: largest absolute error
     mean_error: float  #: mean absolute error
-    lost: int  #: number of pixels with a number, of any sign, that have no depth any more
+    lost: int  #: number of pixels that have no depth any more
 
     @classmethod
     def of(cls, depth: types.DepthMap, read_back: types.DepthMap) -> Self:
         """The errors between two maps of the same size."""
-        there = read_back.valid
-        both = depth.valid & there
+        both = depth.valid & read_back.valid
         error = np.abs(depth.values[both].astype(np.float64) - read_back.values[both])
-        lost = int((np.isfinite(depth.values) & (depth.values != 0) & ~there).sum())
+        lost = int(depth.valid.sum() - both.sum())
         return cls(*(float(error.max()), float(error.mean())) if error.size else (0.0, 0.0), lost)
 
 
@@ -115,7 +114,6 @@ def _write_converted(
     depth, frame = displayed, colours
     if format_.facts.has_overscan:
         depth, frame = replace(stored.depth, provenance=displayed.provenance), stored.frame
-    values = np.where(np.isinf(depth.values), np.float32(np.nan), depth.values)  # as PFM has it
     if not (depth.valid.any() or inspect.is_depth_video(paths.path_of(request.source))):
         raise InputError(f"{stored.name} has no pixel with depth, so nothing is written")
     inputs = [paths.path_of(name) for name in (request.source, request.image) if name is not None]
@@ -124,9 +122,7 @@ def _write_converted(
         writing = (
             _sidecar_options(request, stored) if format_ is table.Format.JSON else request.writing
         )
-        warnings = table.writer_of(format_, writing).write(
-            replace(depth, values=values), temporary, frame
-        )
+        warnings = table.writer_of(format_, writing).write(depth, temporary, frame)
         round_trip = None
         if format_.facts.is_readable:
             kind = DepthReadOptions(kind=DepthEncoding(depth.kind))
@@ -180,7 +176,7 @@ def _with_camera_of(frame: types.Frame | None, depth: types.DepthMap) -> types.D
         return depth
     source = replace(source, projection=frame.projection)
     if frame.focal_35mm is not None:
-        focal_px = focal_px_of_35mm(frame.focal_35mm, frame.width, frame.height)
+        focal_px = Intrinsics(focal_35mm=frame.focal_35mm).focal_for(frame.width, frame.height)
         source = replace(source, focal_px=focal_px, camera_source=CameraSource.EXIF)
     return replace(depth, provenance=source)
 

@@ -12,6 +12,7 @@ from depthcli.core.camera import DEPTH_M, DEPTH_M_RANGE, Anchor
 from depthcli.core.options import DepthFit
 from depthcli.core.types import Windows, doubt_of_metres, has_depth
 from depthcli.errors import Message, UsageError
+from depthcli.io.images.pixels import turn_beside, upright_places
 
 _COLUMNS = 3
 _MAX_PIXEL = 2**31
@@ -29,6 +30,7 @@ class KnownDepth:
     warnings: tuple[str, ...] = ()  #: about their file, or why it has none, one line each
     fit: DepthFit | None = None  #: how depth is fitted; None for the best that the model can
     may_be_outside: bool = False  #: whether most can be outside the image, as those of a lidar
+    may_be_stored: bool = False  #: whether their map may be as the sensor gives it, not upright
 
     @classmethod
     def of(cls, points: Sequence[Anchor]) -> Self:
@@ -109,6 +111,23 @@ class KnownDepth:
         return replace(
             points.where(inside), warnings=(*self.warnings, f"{problem} and are not used")
         )
+
+    def beside(self, image_px: tuple[int, int], orientation: int) -> Self:
+        """The points in an image of this size that its EXIF turned, as their map where it may be.
+
+        A warning says where the size does not tell.
+        """
+        if not (self.may_be_stored and self.size_px) or orientation == 1:
+            return self
+        turn = turn_beside(self.size_px, image_px, orientation)
+        warning = (
+            f"EXIF turned the image (orientation {orientation}); its depth is taken as upright"
+        )
+        places = np.column_stack([self.x, self.y]).astype(np.float64) + 0.5
+        places, size_px = upright_places(places, self.size_px, turn or 1)
+        x, y = np.floor(places).astype(np.int64).T
+        warnings = (*self.warnings, warning) if turn is None else self.warnings
+        return replace(self, x=x, y=y, size_px=size_px, warnings=warnings, may_be_stored=False)
 
     def where(self, mask: BoolArray) -> Self:
         """Those for which a mask (N,) is true."""

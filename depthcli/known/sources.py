@@ -68,7 +68,9 @@ def read_file(path: Path, files: KnownDepthFiles) -> KnownDepth:
     points = KnownDepth.of_map(depth.values)
     if not len(points):
         raise InputError(f"{path} has no pixel with depth")
-    return replace(points, warnings=stored.warnings_with_scale("anchors_scale"))
+    may_be_stored = depth.provenance.orientation is None
+    warnings = stored.warnings_with_scale("anchors_scale")
+    return replace(points, warnings=warnings, may_be_stored=may_be_stored)
 
 
 def _of_cloud(path: Path, files: KnownDepthFiles) -> KnownDepth:

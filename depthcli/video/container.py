@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, os_errors_as
 from depthcli.io.media import HEIF_SUFFIXES
-from depthcli.io.storage.paths import regular_size, safe_name
+from depthcli.io.storage.paths import read_bytes, regular_size, safe_name
 from depthcli.video.numbering import SINGLE_IMAGE_ADVICE, is_single_image
 
 if TYPE_CHECKING:
@@ -29,6 +29,8 @@ _FORMATS = (
 )
 STREAMED_FORMATS = f"{_FORMATS},hls,rtsp,aac"  #: of an address that the user named
 _LENGTH = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)", re.ASCII)
+_HEAD_BYTES = 4096
+_GIF_ADVICE = "convert it, for example with 'magick a.webp a.gif'"
 _OPTIONS = {"format_whitelist": _FORMATS, "protocol_whitelist": "file"}
 
 
@@ -152,6 +154,8 @@ def open_video(
     if isinstance(source, InputPipe):
         source.check()
     elif _is_image(source):
+        if b"ANMF" in read_bytes(source, first=_HEAD_BYTES):
+            raise InputError(f"{source} is an animated WebP, which FFmpeg cannot read", _GIF_ADVICE)
         raise InputError(f"{source} is a single image", SINGLE_IMAGE_ADVICE)
     raise InputError(
         f"{source} holds no video that can be read: damaged, cut off, without a video stream, "

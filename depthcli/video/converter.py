@@ -13,10 +13,10 @@ from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoRef
 from depthcli.core.arrays import UInt8Array, UInt16Array
 from depthcli.core.options import Projection, ReadOptions
 from depthcli.core.types import Frame, pixel_aspect_of
-from depthcli.errors import InputError
-from depthcli.io.images.pixels import full_range, upright
+from depthcli.errors import InputError, Message
+from depthcli.io.images.pixels import from_video_range, full_range, upright
 from depthcli.io.images.read import masked
-from depthcli.video.facts import camera_warnings, side_data, view_of
+from depthcli.video.facts import camera_warnings, side_data, squeeze_of, view_of
 
 _EIGHT_BIT = 8
 _UNSPECIFIED = 2
@@ -47,7 +47,9 @@ def rgb_pixels(
         dst_color_range=ColorRange.JPEG,
         interpolation=Interpolation.BICUBIC,
     )
-    return rgb.to_ndarray()  # type: ignore[return-value]
+    pixels: UInt8Array | UInt16Array = rgb.to_ndarray()  # type: ignore[assignment]
+    is_limited = frame.color_range == ColorRange.MPEG and frame.format.name.startswith("gray")
+    return from_video_range(pixels) if is_limited else pixels  # FFmpeg takes gray as it is
 
 
 def orientation_of(frame: VideoFrame) -> int:
@@ -85,9 +87,16 @@ class FrameConverter:
         size = len(range(first.width)[columns]), len(range(first.height)[rows])
         is_turned = self._orientation >= _TRANSPOSED
         self.width, self.height = size[::-1] if is_turned else size
-        self._pixel_aspect = pixel_aspect_of(pixel_aspect, is_turned=is_turned)
+        squeeze = squeeze_of(first, pixel_aspect or Fraction(1), options)
+        aspect = (pixel_aspect or 1) * squeeze
+        self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
         self._is_begun = False
         self.warnings = tuple(camera_warnings(first, options.eye, options.projection))
+        if squeeze != 1:
+            problem = (
+                f"views of {size[0]}×{size[1]} are taken as squeezed: pixels are {aspect} wide"
+            )
+            self.warnings += (Message(problem, "{pixel_aspect} states another width"),)
 
     def image(self, decoded: VideoFrame, index: int, time_s: Fraction) -> Frame:
         """A frame, upright; where it is transparent, with the colours around that.

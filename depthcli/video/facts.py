@@ -5,6 +5,7 @@ import re
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,9 @@ from av.sidedata.sidedata import Type
 from av.video.frame import VideoFrame
 
 from depthcli.core.imageops import PANORAMA, transfer_warning
-from depthcli.core.options import Eye, Projection
+from depthcli.core.options import Eye, Projection, ReadOptions
 from depthcli.errors import Message, UsageError
+from depthcli.io.images.heif import boxes
 
 _FOCAL_35MM = "camera.focal_length.35mm_equivalent"
 _LENS = re.compile(r"focal|lens", re.IGNORECASE)
@@ -25,6 +27,7 @@ _TEXT, _FLOAT32, _FLOAT64 = 1, 23, 24  # well-known types of QuickTime's metadat
 _SIDE_BY_SIDE, _TOP_BOTTOM = 1, 2
 _PACKED = {_SIDE_BY_SIDE: "side by side", _TOP_BOTTOM: "one above the other"}
 _INTERLEAVED = range(3, 8)
+_LEAST_SHAPE, _TWO_SQUARES = Fraction(5, 4), 2  # width by height of one image, and of two
 _PROJECTIONS = {0: Projection.EQUIRECTANGULAR, 1: "cubemap", 2: "tiles", 3: "VR180", 5: "fisheye"}
 """Projections that are not flat, by FFmpeg's numbers."""
 
@@ -54,9 +57,9 @@ def _quicktime_tags(path: Path) -> dict[str, str]:
         path.open("rb") as file,
         mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data,
     ):
-        for moov in _boxes(data, b"moov", 0, len(data)):
-            for place in (moov, *_boxes(data, b"trak", *moov)):
-                for meta in _boxes(data, b"meta", *place):
+        for moov in boxes(data, b"moov", 0, len(data)):
+            for place in (moov, *boxes(data, b"trak", *moov)):
+                for meta in boxes(data, b"meta", *place):
                     tags = dict(_items(data, *meta)) | tags  # the first of a name counts
     return tags
 
@@ -64,12 +67,12 @@ def _quicktime_tags(path: Path) -> dict[str, str]:
 def _items(data: mmap.mmap, start: int, end: int) -> Iterator[tuple[str, str]]:
     """Names and values of a metadata box."""
     names = []
-    for at, stop in _boxes(data, b"keys", start, end):
-        names += [data[i + 4 : j] for i, j in _boxes(data, None, at + 8, stop, head=4)]
-    for ilst in _boxes(data, b"ilst", start, end):
-        for at, stop in _boxes(data, None, *ilst):
+    for at, stop in boxes(data, b"keys", start, end):
+        names += [data[i + 4 : j] for i, j in boxes(data, None, at + 8, stop, head=4)]
+    for ilst in boxes(data, b"ilst", start, end):
+        for at, stop in boxes(data, None, *ilst):
             number = int.from_bytes(data[at - 4 : at])
-            for i, j in _boxes(data, b"data", at, stop):
+            for i, j in boxes(data, b"data", at, stop):
                 if 0 < number <= len(names) and i + 8 <= j:
                     name = names[number - 1].decode("utf-8", "replace")
                     yield name, _value(int.from_bytes(data[i : i + 4]), data[i + 8 : j])
@@ -81,22 +84,6 @@ def _value(kind: int, data: bytes) -> str:
     if (kind, len(data)) in {(_FLOAT32, 4), (_FLOAT64, 8)}:
         return f"{struct.unpack('>f' if kind == _FLOAT32 else '>d', data)[0]:g}"
     return f"{int.from_bytes(data[:8])}"
-
-
-def _boxes(
-    data: mmap.mmap, kind: bytes | None, start: int, end: int, head: int = 8
-) -> Iterator[tuple[int, int]]:
-    """Where the content of each box of a kind begins and ends (ISO/IEC 14496-12, 4.2)."""
-    while start + head <= end:
-        size, begin = int.from_bytes(data[start : start + 4]), start + head
-        if size == 1:
-            size, begin = int.from_bytes(data[start + 8 : start + 16]), start + 16
-        stop = start + size if size else end
-        if not begin <= stop <= end:
-            return
-        if kind is None or data[start + 4 : start + 8] == kind:
-            yield begin, stop
-        start = stop
 
 
 def camera_warnings(
@@ -138,6 +125,21 @@ def view_of(frame: VideoFrame, eye: Eye | None) -> tuple[slice, slice]:
     is_first = (eye is Eye.LEFT) != is_inverted
     half = slice(size // 2) if is_first else slice(size - size // 2, None)
     return (whole, half) if kind == _SIDE_BY_SIDE else (half, whole)
+
+
+def squeeze_of(frame: VideoFrame, pixel_aspect: Fraction, options: ReadOptions) -> Fraction:
+    """Width by height of a pixel of one view, by that of a pixel of the frame.
+
+    Half of the width of each view is kept side by side, half of its height one above the other,
+    if the frame has the shape of one image; no container states it.
+    """
+    kind, shape = (_stereo(frame) or (_SIDE_BY_SIDE,))[0], pixel_aspect * frame.width / frame.height
+    is_flat = side_data(frame, Type.SPHERICAL) is None and options.projection is None
+    if options.eye is None or shape < _LEAST_SHAPE or not is_flat:
+        return Fraction(1)
+    if kind == _TOP_BOTTOM:
+        return Fraction(1, 2)
+    return Fraction(2 if shape < _TWO_SQUARES else 1)
 
 
 def _stereo(frame: VideoFrame) -> tuple[int, bool] | None:

@@ -49,6 +49,10 @@ _SEQUENCE_ADVICE = "choose an image sequence with {format} png16 or exr"
 _REFUSALS = (av.ArgumentError, av.ExternalError, av.UndefinedError, NotImplementedError)  # of sizes
 _BT709 = 1
 _KEYFRAME_INTERVAL_S = 2
+_PACKINGS = {
+    "side-by-side": 3,
+    "top-bottom": 4,
+}  # by which players know stereo (ITU-T H.264, D.2.26)
 _MAX_GOP = 250
 _MAX_ASPECT = 1000
 _FRAGMENTS = "+frag_keyframe+empty_moov+default_base_moof"
@@ -108,6 +112,7 @@ class VideoFile(VideoOutput):
     """A video file that is written atomically, or a pipe; frames of one size with their times."""
 
     _codec: str
+    _tags: Mapping[str, str] = {}  #: further options of the encoder
     _container: OutputContainer | None = None
     _stream: VideoStream | None = None
     _ticks = -1
@@ -207,7 +212,7 @@ class VideoFile(VideoOutput):
         if self._codec == PreviewCodec.AV1:
             os.environ.setdefault("SVT_LOG", "0")  # else it writes to standard error
         encoding, timing = ENCODINGS[self._codec], self._timing
-        options = dict(encoding.options) | {"flags": "+bitexact"}
+        options = {**dict(encoding.options), **self._tags, "flags": "+bitexact"}
         added = container.add_stream(encoding.encoder, rate=timing.rate, options=options)
         stream = cast("VideoStream", added)
         stream.width, stream.height = frame.width, frame.height
@@ -352,6 +357,10 @@ class PreviewVideoOutput(VideoFile):
     ) -> None:
         """Prepare a file in ``.mp4``, ``.webm`` or ``.mov``, which supports the codec."""
         self._codec, self._writer = codec, writer
+        layout = writer.stereo_layout if isinstance(writer, StereoWriter) else ""
+        packing = next((n for word, n in _PACKINGS.items() if layout.endswith(word)), None)
+        if packing is not None and codec is PreviewCodec.H264:
+            self._tags = {"x264-params": f"frame-packing={packing}"}
         super().__init__(target, timing, guard, audio)
 
     def encode(self, frame: DepthFrame) -> tuple[VideoFrame, DepthFrame]:

@@ -188,6 +188,9 @@ def test_shards_are_summed_up_listed_and_merged(inside: Cli) -> None:
     left = {name.split("/")[0] for name in contents(inside, "out")}
     assert left == {"a.depth.png", "hall", "manifest.jsonl"}
     assert json.loads(inside("manifest", "summary", "out", "--json").stdout) == found
+    with (inside.folder / "out" / "manifest.jsonl").open("ab") as file:
+        file.write(b'{"input": "cut\n')
+    assert b"line 4 is no row" in inside("manifest", "summary", "out", code=0).stderr
 
 
 NAMES = ("a.png", "b.png", "c.png")

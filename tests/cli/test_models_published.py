@@ -72,6 +72,13 @@ def test_interrupted_download_goes_on(inside: Cli, server: FileServer, has_range
     assert not part(inside).exists()
 
 
+def test_another_part_than_that_asked_for_is_refused(inside: Cli, server: FileServer) -> None:
+    part(inside).write_bytes(server.data[:50])
+    server.shift = 3
+    refused = inside("models", "add", write_published(inside, server.url, **pinned(server.data)))
+    assert (refused.returncode, b"another part of it" in refused.stderr) == (3, True)
+
+
 def test_download_goes_on_by_itself_where_it_is_cut(inside: Cli, server: FileServer) -> None:
     server.cut_after = 100
     assert inside("models", "add", write_published(inside, server.url)).returncode == 0

@@ -2,15 +2,19 @@
 
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
+from av.sidedata.sidedata import Type
 from helpers.command_line import Cli
 from helpers.tiny import write_image
 from helpers.videos import flat_frames, write_video
 
 import depthcli
+from depthcli.core.options import Eye, ReadOptions
 from depthcli.core.types import DepthMap, Frame, Provenance
+from depthcli.video.source import open_frames
 
 
 @pytest.fixture
@@ -68,15 +72,34 @@ def test_video_is_a_stereo_video_and_numbered_normals(inside: Cli, files: Path) 
     write_video(files / "clip.avi", flat_frames(range(3)))
     options = ("--format", "stereo", "--format", "normals", "--hfov", "60")
     inside("video", "clip.avi", *options, code=0)
-    source, pair = (cv2.VideoCapture(str(files / name)) for name in ("clip.avi", "clip.stereo.mp4"))
-    width, height = cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
-    assert pair.get(width) == 2 * source.get(width)
-    assert pair.get(height) == source.get(height)
-    assert pair.get(cv2.CAP_PROP_FRAME_COUNT) == 3
     normals = [cv2.imread(str(path), -1) for path in sorted(files.glob("clip.normals.*.png"))]
     assert [one.dtype for one in normals] == [np.uint16] * 3
-    assert inside("video", "clip.avi", "-o", "x.stereo.mp4").returncode == 0
-    assert cv2.VideoCapture(str(files / "x.stereo.mp4")).get(width) == 2 * source.get(width)
+
+
+@pytest.mark.parametrize(
+    ("layout", "packing", "times", "aspect"),
+    [
+        ("side-by-side", 1, (1, 2), 1),
+        ("top-bottom", 2, (2, 1), 1),
+        ("half-side-by-side", 1, (1, 1), 2),
+        ("half-top-bottom", 2, (1, 1), 0.5),
+    ],
+)
+def test_players_and_depthcli_know_the_layout_of_a_stereo_video(
+    layout: str, packing: int, times: tuple[int, int], aspect: float, inside: Cli, files: Path
+) -> None:
+    """nagadomi/nunif#271, lossless1024/StreaMonitor#30: as mpv and VLC do."""
+    frames = flat_frames(range(3))
+    write_video(files / "clip.avi", frames)
+    inside("video", "clip.avi", "-o", "x.stereo.mp4", "--stereo-layout", layout, code=0)
+    with av.open(str(files / "x.stereo.mp4")) as video:
+        coded = [*video.decode(video=0)]
+    rows, columns = np.multiply(frames[0].shape[:2], times)
+    assert [(frame.height, frame.width) for frame in coded] == [(rows, columns)] * 3
+    assert bytes(coded[0].side_data.get(Type.STEREO3D))[:4] == bytes([packing, 0, 0, 0])
+    left = next(open_frames(files / "x.stereo.mp4", options=ReadOptions(eye=Eye.LEFT)).frames())
+    assert left.width * left.pixel_aspect / left.height == frames[0].shape[1] / frames[0].shape[0]
+    assert left.pixel_aspect == aspect
 
 
 def test_notebooks_show_maps_and_pages(tmp_path: Path) -> None:

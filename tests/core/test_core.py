@@ -19,7 +19,6 @@ from depthcli.core.camera import (
     CameraScale,
     Distortion,
     Intrinsics,
-    focal_px_of_35mm,
     focal_px_of_hfov,
     hfov_deg,
 )
@@ -122,13 +121,13 @@ def test_codings_put_their_ends_at_minus_one_and_one() -> None:
 def test_focal_lengths() -> None:
     assert focal_px_of_hfov(63.3, 640) == pytest.approx(518.86, rel=2e-3)
     assert focal_px_of_hfov(90, 1000) == pytest.approx(500)
-    assert focal_px_of_35mm(36, 360, 240) == pytest.approx(360)
+    assert Intrinsics(focal_35mm=36).focal_for(360, 240) == pytest.approx(360)
     for camera, at_640 in (
         (Intrinsics(500), 500),
         (Intrinsics(500, 90), 320),
         (Intrinsics(), None),
     ):
-        assert camera.focal_for(640) == (at_640 and pytest.approx(at_640))
+        assert camera.focal_for(640, 480) == (at_640 and pytest.approx(at_640))
         assert camera.has_focal == (at_640 is not None)
 
 

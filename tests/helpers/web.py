@@ -51,12 +51,14 @@ class FileServer(Server):
         cut_after: bytes after which an answer is cut off; None for whole answers.
         has_ranges: whether it can begin in the middle of the file.
         starts: first byte of each answer.
+        shift: bytes by which a part begins after what was asked for.
     """
 
     def __init__(self, data: bytes) -> None:
         super().__init__("model.onnx")
         self.data, self.has_ranges, self.starts = data, True, list[int]()
         self.cut_after: int | None = None
+        self.shift = 0
 
     def answer(self, request: BaseHTTPRequestHandler) -> None:
         asked = request.headers.get("Range") if self.has_ranges else None
@@ -65,6 +67,9 @@ class FileServer(Server):
         rest = self.data[start:]
         request.send_response(206 if asked else 200)
         request.send_header("Content-Length", str(len(rest)))
+        if asked:
+            place = f"bytes {start + self.shift}-{len(self.data) - 1}/{len(self.data)}"
+            request.send_header("Content-Range", place)
         request.end_headers()
         request.wfile.write(rest[: self.cut_after])
 

@@ -64,6 +64,22 @@ def test_metres_follow_the_focal_length_as_far_as_the_network_does(tmp_path: Pat
     np.testing.assert_allclose(far / near, 2**0.75, rtol=1e-6)
 
 
+@pytest.mark.parametrize("aspect", [1.0, 2.0])
+def test_a_given_35mm_equivalent_counts_as_that_of_exif(tmp_path: Path, aspect: float) -> None:
+    pipeline, camera = model(tmp_path), Intrinsics(pixel_aspect=aspect, focal_35mm=35)
+    depth = pipeline.predict(black(40, 30), camera).depth
+    exif = pipeline.predict(black(40, 30, focal_35mm=35, pixel_aspect=aspect)).depth
+    np.testing.assert_array_equal(depth.values, exif.values)
+    assert depth.provenance.camera_source is CameraSource.OPTION
+
+
+def test_millimetres_given_as_pixels_are_a_warning(tmp_path: Path) -> None:
+    for focal_px, count in ((35, 1), (150, 0)):
+        camera = Intrinsics(focal_px=focal_px)
+        warnings = model(tmp_path).predict(black(640, 480), camera).warnings
+        assert len([text for text in warnings if "if it is in millimetres" in text]) == count
+
+
 @pytest.mark.parametrize("fit", FITS)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_assumed_camera_counts_as_if_it_had_been_given(

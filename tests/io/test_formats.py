@@ -129,8 +129,9 @@ def test_png_without_metres_is_normalized_and_says_so(kind: DepthKind, tmp_path:
 @settings(deadline=None, max_examples=25)
 @given(ANY_FLOAT, st.sampled_from(["Z", "Y", "R", "depth.Z"]))
 def test_exr_is_exact(values: np.ndarray, channel: str) -> None:
-    found = written(ExrWriter(exr_channel=channel), DepthMap(values), ".exr")
-    assert np.array_equal(found.values, values, equal_nan=True)
+    depth = DepthMap(values)
+    found = written(ExrWriter(exr_channel=channel), depth, ".exr")
+    assert np.array_equal(found.values, np.where(depth.valid, values, np.nan), equal_nan=True)
 
 
 def test_exr_is_compressed_by_zip(tmp_path: Path) -> None:
@@ -149,8 +150,9 @@ def test_half_exr_keeps_eleven_bits(tmp_path: Path) -> None:
 
 @given(ANY_FLOAT)
 def test_npy_is_exact(values: np.ndarray) -> None:
-    found = written(NpyWriter(), DepthMap(values), ".npy", kind=DepthEncoding.RELATIVE)
-    assert np.array_equal(found.values, values, equal_nan=True)
+    depth = DepthMap(values, DepthKind.RELATIVE)
+    found = written(NpyWriter(), depth, ".npy", kind=DepthEncoding.RELATIVE)
+    assert np.array_equal(found.values, np.where(depth.valid, values, np.nan), equal_nan=True)
 
 
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
@@ -158,9 +160,10 @@ HOLED_M = np.where(np.arange(12).reshape(3, 4) == 5, np.float32(np.nan), DEPTH_M
 FURTHER = (Format.PFM, Format.TIFF, Format.PGM, Format.NPZ, Format.COLMAP)
 
 
-def pfm(values: np.ndarray, scale: str = "-1.0", order: str = "<f4") -> bytes:
+def pfm(values: np.ndarray, scale: str = "-1.0", order: str = "<f4", end: str = "\n") -> bytes:
     height, width = values.shape[:2]
-    return f"Pf\n{width} {height}\n{scale}\n".encode() + values[::-1].astype(order).tobytes()
+    head = f"Pf{end}{width} {height}{end}{scale}{end}".encode()
+    return head + values[::-1].astype(order).tobytes()
 
 
 def colmap(values: np.ndarray) -> bytes:
@@ -196,14 +199,34 @@ def test_files_as_other_programs_read_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("scale", "order"), [("-1.0", "<f4"), ("1", ">f4"), ("-0.003922", "<f4"), ("1e+00", ">f4")]
+    ("scale", "order", "end"),
+    [
+        ("-1.0", "<f4", "\n"),
+        ("1", ">f4", "\n"),
+        ("-0.003922", "<f4", "\r\n"),
+        ("1e+0", ">f4", "\r"),
+    ],
 )
-def test_pfm_of_other_programs(scale: str, order: str, tmp_path: Path) -> None:
-    """Middlebury's have a scale of 1/255, which is no factor, and infinity where unknown."""
+def test_pfm_of_other_programs(scale: str, order: str, end: str, tmp_path: Path) -> None:
+    """Middlebury's have a scale of 1/255, which is no factor, and infinity where unknown.
+
+    Lines of the header may end in CRLF (Tom94/tev#60).
+    """
     values = np.where(np.isnan(HOLED_M), np.inf, HOLED_M)
-    (tmp_path / "a.pfm").write_bytes(pfm(values, scale, order))
-    found = read_stored_depth(tmp_path / "a.pfm").depth
-    np.testing.assert_array_equal(np.where(found.valid, found.values, np.nan), HOLED_M)
+    (tmp_path / "a.pfm").write_bytes(pfm(values, scale, order, end))
+    np.testing.assert_array_equal(read_stored_depth(tmp_path / "a.pfm").depth.values, HOLED_M)
+
+
+def test_three_equal_channels_are_one_map(tmp_path: Path) -> None:
+    """Depth saved from gray with three channels; --frame cannot choose one of them."""
+    channels = np.stack([HOLED_M.repeat(2, 0)] * 3, -1)
+    np.save(tmp_path / "a.npy", channels)
+    stored = read_stored_depth(tmp_path / "a.npy").depth.values
+    np.testing.assert_array_equal(stored, channels[..., 0])
+    channels[0, 0] = 1, 2, 3
+    np.save(tmp_path / "a.npy", channels)
+    with pytest.raises(InputError, match=r"holds \(6, 4, 3\) float32"):
+        read_stored_depth(tmp_path / "a.npy")
 
 
 def test_colmap_has_no_unit(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
-from depthcli.core.camera import focal_px_of_35mm
+from depthcli.core.camera import Intrinsics
 from depthcli.core.imageops import PANORAMA
 from depthcli.core.options import Eye
 from depthcli.core.types import DepthMap
@@ -37,6 +37,13 @@ def test_orientation_of_a_jpeg_is_undone_as_opencv_does(orientation: int) -> Non
     frame = read_image(None, data)
     assert (frame.pixels == expected).all()
     assert (frame.orientation, frame.focal_35mm) == (orientation, 28)
+
+
+def test_a_bmp_of_os2_is_read() -> None:
+    """Its header has 12 bytes, and sizes of 16 bits."""
+    head = struct.pack("<2sIIIIHHHH", b"BM", 26 + 8, 0, 26, 12, 2, 1, 1, 24)
+    pixels = read_image(None, head + bytes([3, 2, 1, 6, 5, 4, 0, 0])).pixels
+    assert pixels.tolist() == [[[1, 2, 3], [4, 5, 6]]]
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tiff", ".bmp"])
@@ -100,7 +107,8 @@ def test_focal_length_of_a_canon_camera_is_that_of_its_sensor() -> None:
     Image.fromarray(np.zeros((32, 48, 3), np.uint8)).save(file, "JPEG", exif=exif)
     frame = read_image(None, file.getvalue())
     assert frame.focal_35mm is not None
-    assert focal_px_of_35mm(frame.focal_35mm, 48, 32) == pytest.approx(36 / 22.96 * 48, rel=2e-3)
+    focal_px = Intrinsics(focal_35mm=frame.focal_35mm).focal_for(48, 32)
+    assert focal_px == pytest.approx(36 / 22.96 * 48, rel=2e-3)
     inner[0xA20E] = IFDRational(5_184_000 * 30, 904)  # as some bodies: a sensor of a millimetre
     Image.fromarray(np.zeros((32, 48, 3), np.uint8)).save(file := BytesIO(), "JPEG", exif=exif)
     frame = read_image(None, file.getvalue())

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 import OpenImageIO
@@ -17,6 +18,7 @@ from PIL import Image
 import depthcli
 from depthcli.errors import InputError, UsageError
 from depthcli.io.images.read import frame_of, read_image
+from depthcli.video.source import open_frames
 
 RNG = np.random.default_rng(0)
 HIDDEN = np.broadcast_to(np.arange(32) >= 16, (24, 32))  #: of a sprite
@@ -32,6 +34,31 @@ def packed_tiff(values: Sequence[int], bits: int) -> bytes:
     head = b"II*\0" + struct.pack("<IH", 8, len(facts))
     tags = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in facts)
     return head + tags + struct.pack("<I", 0) + row
+
+
+@pytest.mark.parametrize("name", ["a.avif", "a.heic", "a.mkv", "deep.mkv"])
+def test_gray_of_limited_range_is_expanded(name: str, tmp_path: Path) -> None:
+    """strukturag/libheif#580; FFmpeg leaves gray video as it is."""
+    path, gray = tmp_path / name, np.linspace(0, 255, 128 * 96).reshape(96, 128)
+    luma = np.rint(16 + gray * 219 / 255).astype(np.uint8)
+    if name == "a.avif":
+        image = Image.fromarray(np.rint(gray).astype(np.uint8))
+        image.save(path, range="limited", subsampling="4:0:0", quality=100)
+    elif name == "a.heic":
+        path.write_bytes(heic(luma, quality=100, full_range_flag=False))
+    else:
+        pixel_format = "gray10le" if name == "deep.mkv" else "gray"
+        with av.open(str(path), "w") as file:
+            stream = file.add_stream("ffv1", rate=1)
+            stream.height, stream.width = gray.shape
+            stream.pix_fmt, stream.codec_context.color_range = pixel_format, 1
+            frame = av.VideoFrame.from_ndarray(luma.astype(np.uint16) << 8, "gray16le")
+            frame = frame.reformat(format=pixel_format)
+            frame.color_range = 1
+            file.mux([*stream.encode(frame), *stream.encode(None)])
+    image = next(open_frames(path).frames()) if path.suffix == ".mkv" else read_image(path)
+    pixels = image.pixels[..., 0] if image.pixels.ndim == 3 else image.pixels
+    np.testing.assert_allclose(pixels / np.iinfo(pixels.dtype).max, gray / 255, atol=0.01)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tiff", ".pgm"])

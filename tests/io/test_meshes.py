@@ -1,11 +1,13 @@
 """PLY and GLB as an independent library reads them."""
 
 import json
+import math
 import struct
 import tracemalloc
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -47,11 +49,30 @@ def test_a_glb_is_a_mesh_in_metres_with_y_up(tmp_path: Path) -> None:
     depth = box_before_wall()
     mesh = written(tmp_path / "a.glb", depth, Frame(PIXELS))
     surface = surface_of(depth, FOCAL_PX)
-    np.testing.assert_array_equal(mesh.vertices, surface.xyz_m[surface.valid] * [1, -1, -1])
-    np.testing.assert_array_equal(mesh.faces, surface.faces())
+    points_m, faces = surface.xyz_m[surface.valid] * [1, -1, -1], surface.faces()
+    np.testing.assert_array_equal(mesh.vertices[: len(points_m)], points_m)
+    np.testing.assert_array_equal(mesh.faces[: len(faces)], faces)
     assert (mesh.face_normals[:, 2] > 0).all()  # towards the camera
     edges_m = np.ptp(mesh.vertices[mesh.faces][..., 2], axis=1)
     assert edges_m.max() < 0.1  # no curtain between box and wall
+
+
+@pytest.mark.parametrize("smear", [1, 5])
+@pytest.mark.parametrize("keep_edges", [False, True])
+def test_the_camera_sees_no_outline(smear: int, tmp_path: Path, *, keep_edges: bool) -> None:
+    values = cv2.blur(np.nan_to_num(box_before_wall().values, nan=3), (smear, smear))
+    mesh = written(tmp_path / "a.glb", DepthMap(values, provenance=SOURCE), keep_edges=keep_edges)
+    seen = mesh.vertices[:, :2] / -mesh.vertices[:, 2:] * [1, -1] * FOCAL_PX
+    pixels = np.rint(8 * (seen + np.array([WIDTH - 1, HEIGHT - 1]) / 2)).astype(np.int32)
+    covered = np.zeros((8 * (HEIGHT - 1), 8 * (WIDTH - 1)), np.uint8)
+    for corners in pixels[mesh.faces]:
+        cv2.fillConvexPoly(covered, corners, 1)
+    assert covered.all()
+    if keep_edges:
+        assert (len(mesh.vertices), len(mesh.faces)) == (
+            values.size,
+            2 * (HEIGHT - 1) * (WIDTH - 1),
+        )
 
 
 def test_writing_a_mesh_takes_a_few_times_its_size(tmp_path: Path) -> None:
@@ -69,13 +90,15 @@ def test_the_image_is_on_the_mesh(tmp_path: Path) -> None:
     smooth[..., 0], smooth[..., 1] = np.arange(WIDTH) * 8, np.arange(HEIGHT)[:, None] * 10
     depth = box_before_wall()
     mesh = written(tmp_path / "a.glb", depth, Frame(smooth), stride=2)
-    colours = mesh.visual.material.to_color(mesh.visual.uv)[:, :3]
     expected = smooth[::2, ::2][surface_of(depth, FOCAL_PX, stride=2).valid]
+    colours = mesh.visual.material.to_color(mesh.visual.uv)[: len(expected), :3]
     assert abs(colours.astype(int) - expected).max() < 16  # JPEG
 
 
 def test_a_glb_states_its_metadata_and_lengths(tmp_path: Path) -> None:
-    written(tmp_path / "a.glb", box_before_wall())
+    wide = Provenance(model="room", focal_px=FOCAL_PX, pixel_aspect=2.0)
+    depth = DepthMap(box_before_wall().values, provenance=wide)
+    written(tmp_path / "a.glb", depth)
     data = (tmp_path / "a.glb").read_bytes()
     magic, version, length, size, kind = struct.unpack_from("<4sIII4s", data)
     assert (magic, version, length, kind) == (b"glTF", 2, len(data), b"JSON")
@@ -83,6 +106,20 @@ def test_a_glb_states_its_metadata_and_lengths(tmp_path: Path) -> None:
     assert document["nodes"][0]["extras"]["model"] == "room"
     assert not set(document) & {"images", "textures"}
     assert all(view["byteOffset"] % 4 == 0 for view in document["bufferViews"])
+    assert [node["name"] for node in document["nodes"]] == ["depth", "camera"]
+    view = document["cameras"][0]["perspective"]
+    assert math.tan(view["yfov"] / 2) == pytest.approx(HEIGHT / 2 / (2 * FOCAL_PX))
+    assert view["aspectRatio"] == 2 * WIDTH / HEIGHT
+
+
+def test_a_texture_is_at_most_8192_pixels_wide_and_named_as_the_image(tmp_path: Path) -> None:
+    """rerun-io/rerun#3337, CesiumGS/cesium#5416: graphics cards take no larger ones."""
+    frame = Frame(np.zeros((2, 9000), np.uint8), tmp_path / "hall.jpg")
+    depth = DepthMap(np.ones((2, 9000), np.float32), provenance=SOURCE)
+    scene = trimesh.load(written(tmp_path / "a.glb", depth, frame) and tmp_path / "a.glb")
+    (mesh,) = scene.geometry.values()
+    assert mesh.visual.material.baseColorTexture.size == (8192, 2)
+    assert (list(scene.geometry), mesh.visual.material.name) == (["hall"], "hall")
 
 
 def test_a_ply_has_normals_and_faces(tmp_path: Path) -> None:

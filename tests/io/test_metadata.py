@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
+from PIL import Image
 
 import depthcli
 from depthcli.cli.screen.results import image_json, image_text
@@ -319,7 +320,7 @@ def test_the_sky_of_a_renderer_is_no_depth(background: float, tmp_path: Path) ->
 def test_65535_of_other_programs_is_no_depth(tmp_path: Path) -> None:
     """As 7-Scenes, Taskonomy and Virtual KITTI have it."""
     path = write(tmp_path / "frame-000000.depth.png", np.uint16([[65535, 2000]]))
-    assert depth_of(path).tolist() == [[np.inf, 2]]
+    np.testing.assert_array_equal(depth_of(path), [[np.nan, 2]])
     assert depth_of(path, kind=DepthEncoding.INVERSE).tolist() == [[65535, 2000]]
 
 
@@ -344,11 +345,29 @@ def test_minus_one_is_no_depth(tmp_path: Path) -> None:
     values[0, 0] = 2
     done = convert(ConvertRequest(str(write(path, values)), str(tmp_path / "out.png")))
     assert done.round_trip
-    assert done.round_trip.lost == 47
+    assert done.round_trip.lost == 0
+
+
+@pytest.mark.parametrize(
+    ("values", "tag"),
+    [(np.float32([[9999, 2, 0]]), "9999"), (np.uint16([[32767, 2000, 0]]), "32767 ")],
+)
+def test_the_no_data_value_of_gdal_is_no_depth(
+    values: np.ndarray, tag: str, tmp_path: Path
+) -> None:
+    """geotiffjs/geotiff.js#257, geocaml/ocaml-tiff#35."""
+    Image.fromarray(values).save(tmp_path / "a.tif", tiffinfo={42113: tag})
+    np.testing.assert_array_equal(depth_of(tmp_path / "a.tif"), [[np.nan, 2, np.nan]])
+
+
+def test_negative_pixels_beside_metres_are_counted(tmp_path: Path) -> None:
+    values = np.append(PLANE_M, [[-2, -9999, -1, 0, 1, 1, 1, 1]], 0).astype(np.float32)
+    (warning,) = read_stored_depth(write(tmp_path / "a.npy", values)).warnings
+    assert warning.endswith("2 pixels from -9999 to -2 are taken as no depth")
 
 
 def ray_lengths(camera: Intrinsics, centre: tuple[float, float] = (3.5, 2.5)) -> np.ndarray:
-    focal_px = camera.focal_for(8)
+    focal_px = camera.focal_for(8, 6)
     assert focal_px
     return np.float32(
         [
@@ -364,7 +383,7 @@ def ray_lengths(camera: Intrinsics, centre: tuple[float, float] = (3.5, 2.5)) ->
 @pytest.mark.parametrize("centre_px", [None, (2.0, 4.0)])
 def test_distance_along_the_ray(centre_px: tuple[float, float] | None, tmp_path: Path) -> None:
     """Hypersim (apple/ml-hypersim#9), Mitsuba, lidar ranges."""
-    camera = Intrinsics(HFOV.focal_for(8), centre_px=centre_px)
+    camera = Intrinsics(HFOV.focal_for(8, 6), centre_px=centre_px)
     lengths = ray_lengths(camera, centre_px or (3.5, 2.5))
     path = write(tmp_path / "a.npy", 3 * lengths)
     found = depth_of(path, kind=DepthEncoding.DISTANCE, camera=camera)

@@ -191,6 +191,8 @@ def test_anaglyph_has_the_left_eye_in_red(tmp_path: Path) -> None:
     )
     anaglyph = np.asarray(Image.open(tmp_path / "a.png"))
     np.testing.assert_array_equal(anaglyph, np.dstack([left[..., 0], right[..., 1], right[..., 2]]))
+    above = StereoWriter(stereo_layout=StereoLayout.TOP_BOTTOM).render(box_before_wall(), TEXTURE)
+    np.testing.assert_array_equal(above, np.vstack([left, right]))
 
 
 def test_pixels_without_depth_are_far_and_black_if_transparent() -> None:

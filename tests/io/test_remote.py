@@ -261,6 +261,8 @@ def plain_server() -> Iterator[tuple[str, list[str]]]:
             self.send_header("ETag", '"e"')
             self.send_header("Last-Modified", "Tue, 21 Oct 2025 07:28:00 GMT")
             data = b"hello"[start:] if self.command == "GET" else b""
+            if start:
+                self.send_header("Content-Range", f"bytes {start}-4/5")
             if self.path != "/endless":
                 self.send_header("Content-Length", str(len(data)))
             self.end_headers()
@@ -525,6 +527,20 @@ def test_folder_of_a_store_is_listed_like_a_local_one(bucket: Bucket) -> None:
     every = list_folder(bucket.uri(), leave_out="elsewhere").media
     assert [one.name for one in every if "out/" in one.name] == ["in/out/s.jpg", "in/q.out/r.jpg"]
     assert every[0] == InputFile("a.jpg", bucket.uri("a.jpg"))
+
+
+@pytest.mark.parametrize("bad", ["x//e.png", "/e.png"])
+def test_a_key_that_is_no_path_fails_alone(bad: str, bucket: Bucket) -> None:
+    """developmentseed/obstore#429: one such key made the whole bucket unreadable."""
+    for name in ("a.png", bad, "x/b.png", "./f.png", "x/../g.png"):  # two are as hidden
+        bucket.put(f"in/{name}", b"")
+    media = list_folder(bucket.uri("in"), skip=lambda _: False).media
+    assert {file.name: file.problem is None for file in media} == {
+        "a.png": True,
+        bad: False,
+        "x/b.png": True,
+    }
+    assert bad in str(next(file.problem for file in media if file.problem))
 
 
 def test_empty_or_forbidden_folder_of_a_store_is_a_usage_error(

@@ -146,6 +146,17 @@ def test_a_kept_camera_has_the_pixels_of_clouds_and_of_other_sizes(
     first = json.loads(path.read_text())  # as 0.22 wrote it
     path.write_text(json.dumps({"hfov_deg": first["hfov_deg"], **asdict(scale)}))
     assert kept_camera("r") == Intrinsics(hfov_deg=first["hfov_deg"], scale=scale)
+    wrong = {
+        "hfov_deg": True,
+        "pixel_aspect": [1],
+        "distortion": "x",
+        "size_px": [64],
+        "scale": "2",
+    }
+    for name, value in wrong.items():  # were 1°, or an unexpected error
+        path.write_text(json.dumps({**first, name: value}))
+        with pytest.raises(UsageError, match=f"{name} has to be"):
+            kept_camera("r")
 
 
 def test_a_scale_is_refused_by_another_model(inside: Cli, model_folder: Path) -> None:

@@ -48,12 +48,15 @@ def test_zero_negative_and_infinite_metres_are_no_depth(name: str, tmp_path: Pat
     depth = read_map(path).displayed
     assert [depth_at(depth, x, 0).depth for x in range(6)] == [None, None, None, None, 2, 3]
     done = convert(ConvertRequest(str(path), str(tmp_path / "a.png")))
-    assert (done.warnings, done.round_trip) == ((), RoundTrip(0, 0, 1))
+    assert (done.warnings, done.round_trip) == ((), RoundTrip(0, 0, 0))
     steps = cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED)
     assert steps.tolist() == [[0, 0, 0, 0, 2000, 3000]]
-    for target in map(str, (tmp_path / "b.npy", tmp_path / "b.tiff", tmp_path / "b.exr")):
+    for target in map(str, (tmp_path / "b.npy", tmp_path / "b.npz", tmp_path / "b.bin")):
         convert(ConvertRequest(str(path), target))
-        assert not np.isinf(read_stored_depth(target).depth.values).any()
+    stored_m = [np.nan] * 4 + [2, 3]  # stonefish_ros2#13, Marigold#78, openlayers#13669
+    np.testing.assert_array_equal(np.load(tmp_path / "b.npy"), [stored_m])
+    np.testing.assert_array_equal(np.load(tmp_path / "b.npz")["depth"], [stored_m])
+    assert (tmp_path / "b.bin").read_bytes()[-24:] == np.float32([0, 0, 0, 0, 2, 3]).tobytes()
 
 
 FRAMES_M = np.float32([[[1, 2, 3, np.nan]] * 2, [[np.nan] * 4] * 2, [[7, 0.5, 6, 5]] * 2])

@@ -22,6 +22,7 @@ from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.images import heif
+from depthcli.io.images.pixels import upright
 from depthcli.io.images.read import read_image
 from depthcli.known import clouds
 from depthcli.known.extrinsics import read_extrinsics
@@ -39,6 +40,29 @@ def test_a_table_has_its_columns_in_any_order(tmp_path: Path) -> None:
     assert points.listed() == (Anchor(3, 4, 2.5), Anchor(0, 7, 10.0))
     path.write_bytes(b'x , y, "depth_m"\n3, 4 , 2.5\n 0, 7, "10"\n')
     assert read_known_depth(KnownDepthFiles(str(path))).listed() == points.listed()
+
+
+@pytest.mark.parametrize(
+    ("shape", "orientation", "is_turned", "is_told"),
+    [
+        ((8, 12), 6, True, False),
+        ((12, 8), 6, False, False),
+        ((8, 8), 8, False, True),
+        ((12, 8), 3, False, True),
+    ],
+)
+def test_a_map_as_the_sensor_gives_it_is_turned_as_exif_turned_the_image(
+    shape: tuple[int, int], orientation: int, is_turned: bool, is_told: bool, tmp_path: Path
+) -> None:
+    """nagadomi/nunif#27, panrafal/depthy#27, google-ar/arcore-android-sdk#1075."""
+    depth_m = np.linspace(1, 3, shape[0] * shape[1], dtype=np.float32).reshape(shape)
+    np.save(tmp_path / "a.npy", depth_m)
+    shown = upright(depth_m, orientation) if is_turned else depth_m
+    points = read_known_depth(KnownDepthFiles(str(tmp_path / "a.npy")))
+    points = points.beside(shown.shape[::-1], orientation)
+    np.testing.assert_array_equal(shown[points.y, points.x], points.depth_m)
+    assert points.size_px == shown.shape[::-1]
+    assert (f"orientation {orientation}" in " ".join(points.warnings)) == is_told
 
 
 @pytest.mark.parametrize("text", [b"", b"320,240,2.5\n", b"x,y,metres\n1,2,3\n", b"x,y,depth_m\n"])
@@ -115,7 +139,7 @@ def test_maps_of_integers_have_a_scale(tmp_path: Path) -> None:
 
 def test_distances_along_the_ray_become_depth(tmp_path: Path) -> None:
     camera = Intrinsics(hfov_deg=60)
-    focal_px = camera.focal_for(6) or 0
+    focal_px = camera.focal_for(6, 4) or 0
     across, down = (np.arange(6) - 2.5) / focal_px, (np.arange(4) - 1.5) / focal_px
     np.save(tmp_path / "a.npy", 3 * np.sqrt(1 + across**2 + down[:, None] ** 2))
     points = read_known_depth(

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 import pytest
 from helpers.videos import NTSC, box, encode, flat_frames, with_box, with_track_tag, write_mp4
+from PIL import Image
 
 from depthcli.core.options import Eye, Projection, ReadOptions
-from depthcli.errors import UsageError
+from depthcli.errors import InputError, UsageError
 from depthcli.video.source import VideoSource
 
 FOCAL_35MM = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
@@ -95,9 +96,11 @@ def test_the_focal_length_of_the_lens_is_no_equivalent(tmp_path: Path) -> None:
     assert (frames[0].focal_35mm, frames[0].focal_mm) == (None, 6.765)
 
 
-def stereo(path: Path, packing: int | None, *, is_stacked: bool = False) -> Path:
+def stereo(
+    path: Path, packing: int | None, *, is_stacked: bool = False, size: tuple[int, int] = (64, 64)
+) -> Path:
     """H.264 whose left view, the first one, is dark, and the right one bright."""
-    views = [np.full((64, 64, 3), level, np.uint8) for level in (40, 200)]
+    views = [np.full((*size, 3), level, np.uint8) for level in (40, 200)]
     frame = np.concatenate(views, axis=0 if is_stacked else 1)
     options = {} if packing is None else {"x264-params": f"frame-packing={packing}"}
     return encode(path, [frame] * 3, NTSC, "libx264", "yuv420p", options=options)
@@ -113,6 +116,27 @@ def test_one_view_of_a_stereo_video_is_read(
     assert (source.width, source.height, frames[0].pixels.shape) == (64, 64, (64, 64, 3))
     assert abs(frames[0].pixels.astype(int) - level).max() < 4
     assert len(source.warnings) == (packing is None)
+
+
+@pytest.mark.parametrize(
+    ("packing", "size", "aspect"),
+    [(3, (64, 48), 2), (None, (64, 48), 2), (4, (36, 96), 0.5), (3, (64, 96), 1), (4, (64, 96), 1)],
+)
+def test_views_squeezed_into_the_shape_of_one_image_have_wide_pixels(
+    packing: int | None, size: tuple[int, int], aspect: float, tmp_path: Path
+) -> None:
+    """gkv311/sview#120, BlueSkyDefender/Depth3D#46, nagadomi/nunif#163."""
+    path = stereo(tmp_path / "a.mkv", packing, is_stacked=packing == 4, size=size)
+    source, frames = read(path, options=ReadOptions(eye=Eye.LEFT))
+    assert (frames[0].pixels.shape[:2], frames[0].pixel_aspect) == (size, aspect)
+    assert len([text for text in source.warnings if "squeezed" in text]) == (aspect != 1)
+
+
+def test_an_animated_webp_is_no_single_image(tmp_path: Path) -> None:
+    first, second = (Image.new("RGB", (16, 16), level) for level in ("red", "blue"))
+    first.save(tmp_path / "a.webp", save_all=True, append_images=[second])
+    with pytest.raises(InputError, match="animated WebP"):
+        VideoSource(tmp_path / "a.webp")
 
 
 def test_two_views_in_a_frame_give_a_warning(tmp_path: Path) -> None:

@@ -19,9 +19,11 @@ _Manifest = Annotated[
 def show_summary(out: _Manifest, as_json: JsonOption = False) -> int:
     """Count inputs, failures and outputs, of all shards together."""
     from depthcli.io.storage.paths import path_of
-    from depthcli.jobs.batch.manifests import read_rows, summarize
+    from depthcli.jobs.batch.manifests import damage, read_rows, summarize
 
     sums = summarize(read_rows(path_of(out)))
+    if problem := damage(path_of(out)):
+        console.warn(problem)
     if as_json:
         console.out_json(asdict(sums))
         return ExitCode.OK

@@ -26,7 +26,7 @@ _REFUSED = {
     *({one.name for one in fields(options.FitOptions)} - {"anchor", "anchors_fit"}),
     *(
         {one.name for one in fields(options.CameraOptions)}
-        - {"focal_px", "hfov", "centre_px", "camera"}
+        - {"focal_px", "hfov", "focal_35mm", "pixel_aspect", "centre_px", "camera"}
     ),
     *("help", "max_pixels"),
 }

@@ -101,6 +101,7 @@ class ExrPart(NamedTuple):
     texts: Mapping[str, str]  #: text attributes of the first part
     view: str | None = None  #: its eye; None if it is not stated
     is_environment: bool = False  #: whether it shows all directions
+    is_cube: bool = False  #: whether it shows them on the six faces of a cube
 
     @classmethod
     def of(cls, header: Mapping[str, Any], first: "ExrPart | None" = None) -> "ExrPart":
@@ -118,6 +119,7 @@ class ExrPart(NamedTuple):
             first.texts if first else {k: v for k, v in header.items() if isinstance(v, str)},
             header.get("view"),
             is_environment="envmap" in header,
+            is_cube=header.get("envmap") == OpenEXR.ENVMAP_CUBE,
         )
 
 
@@ -138,9 +140,11 @@ class StoredChannel(NamedTuple):
 
     def over(self, window: Window) -> Float32Array:
         """The pixels of a window, (H, W) float32, NaN outside the data."""
-        values = np.ascontiguousarray(self.pixels, np.float32)
-        left, top = self.part.data[:2]  # a channel may have fewer columns and rows than its window
-        height, width = values.shape
+        values, data = np.ascontiguousarray(self.pixels, np.float32), self.part.data
+        for axis, size in enumerate((data.height, data.width)):  # chroma may have a half of each
+            if values.shape[axis] <= size / 2:
+                values = values.repeat(-(-size // values.shape[axis]), axis)
+        left, top, (height, width) = data.left, data.top, values.shape
         return over_window(values, Window(left, top, left + width, top + height), window)
 
 

@@ -98,13 +98,18 @@ def read_exr_image(
     data window. ``overscan`` is the window to read, relative to the corner of the display window;
     None for the display window and all that the data window has around it.
     """
-    # OpenEXR is slow to load.
-    from depthcli.io.exr.file import colour_channels, read_exr_channels  # noqa: PLC0415
+    from depthcli.io.exr import file as exr_file  # noqa: PLC0415 - OpenEXR is slow to load
 
     name = name or str(source)
-    channels = read_exr_channels(source, name=name, max_pixels=max_pixels)
-    names, doubt = colour_channels(name, list(channels), options.layer)
+    channels = exr_file.read_exr_channels(source, name=name, max_pixels=max_pixels)
+    names, doubt = exr_file.colour_channels(name, list(channels), options.layer)
     part = channels[names[0]].part
+    if part.is_cube:
+        advice = "'exrenvmap -l' makes an equirectangular image of it"
+        raise InputError(f"{name} is a cube map, which is not supported", advice)
+    chroma = tuple(exr_file.layer_of(names[0]) + word for word in ("RY", "BY"))
+    if is_luminance := len(names) == 1 and channels.keys() >= {*chroma}:
+        names += chroma
     whole = part.display.union(part.data)
     if overscan is not None:
         whole = overscan.moved(part.display.left, part.display.top)
@@ -116,6 +121,8 @@ def read_exr_image(
     if windows.valid.width * windows.valid.height and not np.isfinite(pixels).any():
         raise InputError(f"{name} has no finite pixel")
     matrix, problem = primaries_matrix(part.chromaticities) if len(names) > 1 else (None, None)
+    if is_luminance:
+        _to_rgb(pixels, _REC_709 if problem else part.chromaticities or _REC_709)
     above = encode(pixels, options.exposure, matrix)
     if not windows.valid.is_empty:
         _mirror_outside(pixels, windows)
@@ -136,6 +143,18 @@ def read_exr_image(
         time_code=part.time_code,
         view=part.view,
     )
+
+
+def _to_rgb(pixels: Float32Array, chromaticities: Sequence[float]) -> None:
+    """Convert luminance and chroma (H, W, 3), which are Y, R/Y - 1 and B/Y - 1, to RGB, in place.
+
+    Source: OpenEXR's ImfRgbaYca.h.
+    """
+    red, green, blue = _to_xyz(chromaticities)[0][1].astype(np.float32)
+    light = pixels[..., 0].copy()
+    pixels[..., 0] = (pixels[..., 1] + 1) * light
+    pixels[..., 2] = (pixels[..., 2] + 1) * light
+    pixels[..., 1] = (light - red * pixels[..., 0] - blue * pixels[..., 2]) / green
 
 
 def _mirror_outside(pixels: Float32Array, windows: Windows) -> None:

@@ -1,7 +1,9 @@
 """Depth in space by its camera: points and meshes as PLY and glTF 2.0, normals as 16-bit PNG."""
 
 import json
+import math
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,8 @@ _HALF = 65535 / 2
 class SurfaceWriter(WriterOptions):
     """Formats that show a map in space."""
 
+    _fills_edges = False
+
     def surface(self, depth: DepthMap) -> tuple[Surface, tuple[Message, ...]]:
         """The points of a map by its camera, and warnings about that."""
         focal_px, warnings = camera_of(depth)
@@ -35,10 +39,15 @@ class SurfaceWriter(WriterOptions):
             stride=self.stride,
             max_depth_m=self.max_depth_m,
             keep_edges=self.keep_edges,
+            fill_edges=self._fills_edges,
         )
         if not surface.valid.any():
             raise OutputError("no point is left", "raise {max_depth_m}, or lower {stride}")
         return surface, warnings
+
+    def joined(self, surface: Surface) -> Surface:
+        """The surface, whose triangles reach across edges if these are kept."""
+        return replace(surface, steepest=math.inf) if self.keep_edges else surface
 
 
 def camera_of(depth: DepthMap) -> tuple[float, tuple[Message, ...]]:
@@ -92,7 +101,7 @@ class PlyWriter(SurfaceWriter):
         """Write one vertex for each pixel with depth; comments in the header have the metadata."""
         surface, warnings = self.surface(depth)
         points = self._points(surface, frame)
-        numbers = surface.faces() if self.faces else np.empty((0, 3), np.uint32)
+        numbers = self.joined(surface).faces() if self.faces else np.empty((0, 3), np.uint32)
         faces = np.empty(len(numbers), _FACE)
         faces["count"], faces["numbers"] = 3, numbers
         texts = metadata_texts(depth)
@@ -126,38 +135,58 @@ _JSON, _BINARY = 0x4E4F534A, 0x004E4942
 _FLOAT, _UNSIGNED_INT = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963  # what a buffer view is for
 _JPEG_QUALITY = 92
+_MOST_TEXTURE_PX = 8192
+_NEAR_M = 0.01
 _ALIGNMENT = 4
 
 
 class GlbWriter(SurfaceWriter):
     """Metres: x right, y up, the camera at the origin looks along -z."""
 
+    _fills_edges = True  # which the camera would see as a black outline
+
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
-        """Write triangles between neighbours, cut along edges of depth, with the image on them."""
+        """Write triangles between neighbours, cut along edges of depth, with the image on them.
+
+        Where they are cut, the farther surface goes on as far as the camera sees it.
+        """
         surface, warnings = self.surface(depth)
-        xyz_m = surface.xyz_m[surface.valid] * np.array([1, -1, -1], np.float32)
-        buffer = _Buffer()
+        surface = self.joined(surface)
+        xyz_m, faces, (gaps, gaps_m) = surface.xyz_m[surface.valid], surface.faces(), surface.gaps()
+        if len(gaps):
+            first = np.arange(len(xyz_m), len(xyz_m) + 4 * len(gaps), 4, dtype=np.uint32)
+            two = first[:, np.newaxis] + np.array([0, 2, 1, 1, 2, 3], np.uint32)
+            faces = np.concatenate([faces, two.reshape(-1, 3)])
+            xyz_m = np.concatenate([xyz_m, gaps_m.reshape(-1, 3)])
+        xyz_m *= np.array([1, -1, -1], np.float32)
+        buffer, name = _Buffer(), frame.path.stem if frame and frame.path else "depth"
         attributes = {"POSITION": buffer.add_array(xyz_m, _VERTICES, "VEC3", ends=True)}
-        indices = buffer.add_array(surface.faces().reshape(-1), _INDICES, "SCALAR")
+        indices = buffer.add_array(faces.reshape(-1), _INDICES, "SCALAR")
         document: dict[str, Any] = {"asset": {"generator": SOFTWARE, "version": "2.0"}}
         if frame is None:
             material: dict[str, Any] = {"doubleSided": True}
         else:
             # The middle of each point's pixel in the image, from 0 at the top left to 1.
-            middles = (np.argwhere(surface.valid) * self.stride + 0.5)[:, ::-1]
+            places = np.argwhere(surface.valid)
+            places = np.concatenate([places, gaps.reshape(-1, 2)]) if len(gaps) else places
+            middles = (places * self.stride + 0.5)[:, ::-1]
             uv = (middles / (depth.width, depth.height)).astype(np.float32)
             attributes["TEXCOORD_0"] = buffer.add_array(uv, _VERTICES, "VEC2")
-            document |= _texture(buffer, frame)
+            document |= _texture(buffer, frame, name)
             material = _UNLIT
         mesh = {"attributes": attributes, "indices": indices, "material": 0}
         document |= {
             "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": [{"mesh": 0, "extras": metadata_texts(depth)}],
-            "meshes": [{"primitives": [mesh]}],
-            "materials": [material],
+            "scenes": [{"name": name, "nodes": [0]}],
+            "nodes": [{"name": name, "mesh": 0, "extras": metadata_texts(depth)}],
+            "meshes": [{"name": name, "primitives": [mesh]}],
+            "materials": [{"name": name, **material}],
             **buffer.tables(),
         }
+        if not depth.provenance.projection.is_other:
+            document["cameras"] = [_camera(depth)]
+            document["nodes"].append({"name": "camera", "camera": 0})
+            document["scenes"][0]["nodes"].append(1)
         with path.open("wb") as file:  # in parts, as a copy takes .5 GB of 12 megapixels
             file.writelines((_head(document, len(buffer.data)), buffer.data))
         return warnings
@@ -208,14 +237,27 @@ class _Buffer:
         }
 
 
-def _texture(buffer: _Buffer, frame: Frame) -> dict[str, Any]:
-    """The entries of the image as a texture."""
+def _camera(depth: DepthMap) -> dict[str, Any]:
+    """A camera at the origin that sees the map; glTF has no principal point."""
+    aspect = depth.provenance.pixel_aspect
+    yfov = 2 * math.atan(depth.height / 2 / (camera_of(depth)[0] * aspect))
+    ratio = depth.width * aspect / depth.height
+    perspective = {"aspectRatio": ratio, "yfov": yfov, "znear": _NEAR_M}
+    return {"name": "camera", "type": "perspective", "perspective": perspective}
+
+
+def _texture(buffer: _Buffer, frame: Frame, name: str) -> dict[str, Any]:
+    """The entries of the image as a texture, no larger than graphics cards take."""
     bgr = np.ascontiguousarray(frame.pixels_8bit()[..., ::-1])
+    share = _MOST_TEXTURE_PX / max(frame.width, frame.height)
+    if share < 1:
+        size = [max(1, round(side * share)) for side in (frame.width, frame.height)]
+        bgr = np.asarray(cv2.resize(bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
     jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
     clamped = 33071
     return {
         "extensionsUsed": ["KHR_materials_unlit"],
-        "images": [{"bufferView": buffer.add_bytes(jpeg), "mimeType": "image/jpeg"}],
+        "images": [{"name": name, "bufferView": buffer.add_bytes(jpeg), "mimeType": "image/jpeg"}],
         "samplers": [{"wrapS": clamped, "wrapT": clamped}],
         "textures": [{"source": 0, "sampler": 0}],
     }

@@ -16,7 +16,7 @@ from depthcli.io.storage.paths import read_bytes
 from depthcli.io.stored.depth import METRIC, DepthReadOptions, StoredDepth, stored_depth
 from depthcli.io.stored.metadata import metadata_texts
 
-_DIMENSIONS = 2
+_DIMENSIONS, _RGB = 2, 3
 _NAMES = ("depth", "depths", "depth_m", "metric_depth", "depth_map", "pred", "prediction", "arr_0")
 """Names of the array with depth in an NPZ: Depth Pro, Depth Anything 3, Video Depth Anything."""
 _MAX_BYTES = 8 * OPENCV_MAX_PIXELS
@@ -104,7 +104,10 @@ def _map_of(values: AnyArray, path: Path, frame: int | None) -> AnyArray:
     while values.ndim > _DIMENSIONS and 1 in values.shape:
         # Batch and channel axes, as networks' outputs have them; a map one pixel high stays.
         values = values.squeeze(values.shape.index(1))
-    if values.ndim == _DIMENSIONS + 1:  # of a video, or of several views
+    is_rgb = values.ndim == _DIMENSIONS + 1 and values.shape[2] == _RGB < len(values)
+    if is_rgb and all(np.array_equal(values[..., 0], values[..., i], True) for i in (1, 2)):
+        values = values[..., 0]  # of a gray image
+    if values.ndim == _DIMENSIONS + 1 and not is_rgb:  # of a video, or of several views
         if frame is None or frame >= len(values):
             problem = f"{path} holds {len(values)} maps"
             raise InputError(problem, "name one with {frame}, 0 for the first")

@@ -20,6 +20,7 @@ HELP = "help"
 _LARGEST = 1e9
 _ENUMERATIONS = {"colormap": Colormap, "near": Near, "stereo_layout": StereoLayout}
 
+EYE_DISTANCE = Rule("in metres, above 0 and at most 5", lambda m: 0 < m <= 5)  # noqa: PLR2004
 POSITIVE = Rule("greater than 0", lambda x: 0 < x < float("inf"))
 PNG_SCALE = Rule("from 0.001 to 1000000", lambda x: 1e-3 <= x <= 1e6)  # noqa: PLR2004
 _FINITE = Rule("a number up to 1e9", lambda x: abs(x) <= _LARGEST)
@@ -146,13 +147,14 @@ class StereoOptions:
     """Stereo pair."""
 
     stereo_layout: StereoLayout = _option(
-        "Views side by side, or as an anaglyph for red and cyan glasses.",
+        "Views side by side or one above the other, squeezed to one image (half), or as an "
+        "anaglyph for red and cyan glasses.",
         default=StereoLayout.SIDE_BY_SIDE,
     )
     eye_distance_m: float = _option(
         "Distance between the eyes in metres; larger is deeper.",
         default=EYE_DISTANCE_M,
-        rule=POSITIVE,
+        rule=EYE_DISTANCE,
     )
     convergence_m: float | None = _option(
         "Depth that appears at the screen; nearer is in front of it. Default: the nearest.",

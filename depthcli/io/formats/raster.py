@@ -1,5 +1,6 @@
 """Floats of other programs: PFM (stereo and MVS), TIFF, and the dense maps of COLMAP."""
 
+import math
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,11 +11,12 @@ import numpy as np
 from depthcli.core.arrays import AnyArray
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, Message
+from depthcli.io.images import tiff
 from depthcli.io.images.read import OPENCV_MAX_PIXELS, check
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, stored_depth
 
-_PFM = re.compile(rb"(P[Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]+)\s")
+_PFM = re.compile(rb"(P[Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]+)(?:\r\n|\s)")
 COLMAP_MAP = re.compile(rb"(\d{1,9})&(\d{1,9})&(\d{1,9})&")
 _TIFF_UNCOMPRESSED = 1
 
@@ -24,7 +26,7 @@ class FloatWriter:
     """PFM, uncompressed TIFF or COLMAP's dense map, by the suffix of the file."""
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
-        """Write (H, W) float32 as it is; no depth is inpfm_values in PFM, 0 in COLMAP's maps.
+        """Write (H, W) float32 as it is; no depth is infinite in PFM, 0 in COLMAP's maps.
 
         The formats have no room for what the numbers mean, which is a warning if they have no unit.
         """
@@ -54,6 +56,8 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     else:
         image = check(data, str(path), OPENCV_MAX_PIXELS)
         values, several = image.decode().pixels, image.header.warning
+        no_data = tiff.no_data_value(data)
+        np.putmask(values, values == no_data, 0 if values.dtype.kind in "iu" else math.nan)
     if values.ndim != 2 or values.dtype == np.uint8:  # noqa: PLR2004
         raise InputError(f"{path} is an image, not gray of 16 bits or more, so it holds no depth")
     result = stored_depth(path, values, {}, options)

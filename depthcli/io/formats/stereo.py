@@ -36,7 +36,10 @@ class StereoWriter(WriterOptions):
     def render(
         self, depth: DepthMap, frame: Frame | None = None, spread: tuple[float, float] | None = None
     ) -> UInt8Array:
-        """Draw (H, 2 W, 3) RGB uint8, or (H, W, 3) in one; ``spread`` is that of a video."""
+        """Draw (H, 2 W, 3) or (2 H, W, 3) RGB uint8, or (H, W, 3) of half views and an anaglyph.
+
+        ``spread`` is that of a video.
+        """
         if frame is None:
             raise OutputError("a stereo pair is made of the image", "give it with {image}")
         if depth.provenance.projection.is_other:
@@ -46,9 +49,13 @@ class StereoWriter(WriterOptions):
         near = (disparity_px - np.float32(low)) / np.float32(max(high - low, 1e-6))
         rgb = np.ascontiguousarray(frame.pixels_8bit(is_filled=False))
         left, right = (_eye_view(rgb, disparity_px * np.float32(s), near) for s in (0.5, -0.5))
-        if self.stereo_layout is StereoLayout.SIDE_BY_SIDE:
-            return np.hstack([left, right])
-        return np.dstack([left[..., :1], right[..., 1:]])
+        if self.stereo_layout is StereoLayout.ANAGLYPH:
+            return np.dstack([left[..., :1], right[..., 1:]])
+        pair = np.concatenate([left, right], axis=int("top" not in self.stereo_layout))
+        if not self.stereo_layout.startswith("half"):
+            return pair
+        size = depth.width, depth.height
+        return np.asarray(cv2.resize(pair, size, interpolation=cv2.INTER_AREA), np.uint8)
 
     def _disparity_px(self, depth: DepthMap, spread: tuple[float, float]) -> Float32Array:
         """How much farther right the left eye sees a pixel than the right eye; (H, W) float32."""

@@ -2,8 +2,10 @@
 
 import re
 import struct
+from collections.abc import Iterator
 from contextlib import suppress
 from io import BytesIO
+from mmap import mmap
 from typing import Any
 
 import numpy as np
@@ -17,8 +19,6 @@ from depthcli.io.media import is_installed
 _HEVC_BRANDS = frozenset((b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"hevm", b"hevs"))
 _AVIF_BRANDS = frozenset((b"avif", b"avis"))
 _MAX_BRANDS_BYTES = 256
-_HEADER_BYTES = 8  # of a box, before its content
-_LONG_HEADER_BYTES = 16  # of one whose size takes 64 bits, as of some cameras' pixels
 _ISPE = re.compile(rb"ispe")
 _NCLX = re.compile(rb"colrnclx..(..)", re.DOTALL)
 _CONFIGURATION = re.compile(rb"av1C\x81.(.)", re.DOTALL)
@@ -71,26 +71,28 @@ def property_orientation(data: bytes) -> int:
 
 def find_box(data: bytes, kind: bytes) -> bytes:
     """Content of the first box of a kind, as far as it is there; empty if there is none."""
-    start, end = _extent(data, kind)
+    start, end = next(boxes(data, kind), (0, 0))
     return data[start:end]
 
 
-def _extent(data: bytes, wanted: bytes) -> tuple[int, int]:
-    """Where the content of the first box of a kind begins and ends; (0, 0) if there is none."""
-    at = 0
-    while at + _HEADER_BYTES <= len(data):
-        length, kind = struct.unpack_from(">I4s", data, at)
-        header = _HEADER_BYTES
-        if length == 1 and at + _LONG_HEADER_BYTES <= len(data):
-            header, (length,) = _LONG_HEADER_BYTES, struct.unpack_from(">Q", data, at + header)
-        if length == 0:  # to the end of the file
-            length = len(data) - at
-        if kind == wanted:
-            return at + header, at + length
-        if length < header:
-            break
-        at += length
-    return 0, 0
+def boxes(
+    data: bytes | mmap, kind: bytes | None, start: int = 0, end: int | None = None, head: int = 8
+) -> Iterator[tuple[int, int]]:
+    """Where the content of each box of a kind, of all for None, begins and ends.
+
+    The last one may end beyond the data; ``head`` is bytes of size and kind.
+    """
+    end = len(data) if end is None else end
+    while start + head <= end:
+        size, begin = int.from_bytes(data[start : start + 4]), start + head
+        if size == 1:  # as of some cameras' pixels
+            size, begin = int.from_bytes(data[start + 8 : start + 16]), start + 16
+        stop = start + size if size else end
+        if kind is None or data[start + 4 : start + 8] == kind:
+            yield begin, stop
+        if stop < begin:
+            return
+        start = stop
 
 
 def _brands(data: bytes) -> set[bytes]:
@@ -101,6 +103,8 @@ def _brands(data: bytes) -> set[bytes]:
 
 
 _EIGHT_BIT = 8
+_GRAY_RANK = 2
+_LIMITED = 1  # FFmpeg's number of the range of video
 _RGB = (3, 4)  # channels, without and with alpha
 _WITH_ALPHA = (2, 4)
 
@@ -115,15 +119,19 @@ def decode_avif(data: bytes) -> Decoded:
     header = avif_header(data)
     limit = {"max_pixels": str(header.width * header.height)}
     with suppress(av.FFmpegError), av.open(BytesIO(data), options=limit) as file:
-        formats = [stream.codec_context.pix_fmt for stream in file.streams.video]
-        if formats and all(formats):  # none of what was not decoded because it is larger
-            return decode_with_opencv(data, has_alpha=True)
+        contexts = [stream.codec_context for stream in file.streams.video]
+        if contexts and all(context.pix_fmt for context in contexts):  # none if it is larger
+            decoded = decode_with_opencv(data, has_alpha=True)
+            is_limited = contexts[0].color_range == _LIMITED
+            return decoded._replace(
+                has_video_range=is_limited and decoded.pixels.ndim == _GRAY_RANK
+            )
     raise InputError("is damaged (its pixels are not those that it claims)", "copy it again")
 
 
 def heif_header(data: bytes) -> Header:
     """Size of the primary image of a HEIF file, and what else it states."""
-    start, end = _extent(data, b"mdat")
+    start, end = next(boxes(data, b"mdat"), (0, 0))
     if not start < end <= len(data):  # libheif makes up tiles that are missing, without an error
         raise InputError("is truncated (its end is missing)", "copy it again")
     file = _opened(data)
@@ -150,7 +158,9 @@ def decode_heif(data: bytes) -> Decoded:
     colours = colours.reshape(*colours.shape[:2], channels)
     pixels = np.array(colours[..., :3] if channels in _RGB else colours[..., 0], order="C")
     alpha = colours[..., -1] if channels in _WITH_ALPHA else None
-    return Decoded(pixels, image.info.get("exif") or b"", alpha=alpha)
+    is_limited = image.info.get("nclx_profile", {}).get("full_range_flag") == 0
+    has_video_range = is_limited and pixels.ndim == _GRAY_RANK
+    return Decoded(pixels, image.info.get("exif") or b"", has_video_range, alpha=alpha)
 
 
 def depth_images(data: bytes) -> list[tuple[AnyArray, dict[str, Any]]]:

@@ -16,10 +16,11 @@ ANIMATED = "is animated; only the first image is used"  #: a warning
 _WEBP_ANIMATION = 0x02  # of the flags of an extended file
 _GIF_FRAME = b"\0\x21\xf9\x04"  # the end of a block, and a graphic control extension
 _NUMBER = rb"\s+(?:#[^\n]*\n\s*)*(\d{1,9})"
-_NETPBM = re.compile(rb"P[1-6]" + 2 * _NUMBER + rb"(?:" + _NUMBER + rb")?\s")
+_NETPBM = re.compile(rb"P[1-6]" + 2 * _NUMBER + rb"(?:" + _NUMBER + rb")?(?:\r\n|\s)")
 """Width, height and, except for bitmaps, the value of white."""
 _BITMAPS, _PLAIN, _TEXTS = (b"P1", b"P4"), (b"P2", b"P3"), (b"P1", b"P2", b"P3")
 _BYTE = 0xFF
+_OS2_HEAD = b"\x0c\0\0\0"  # bytes of the header of a BMP of OS/2
 
 
 class Header(NamedTuple):
@@ -40,6 +41,7 @@ class Decoded(NamedTuple):
 
     pixels: AnyArray  #: gray (H, W) or RGB (H, W, 3), of the file's own type
     exif: bytes = b""  #: the TIFF structure that EXIF is; empty without one
+    has_video_range: bool = False  #: whether gray is from 16 to 235 of 256 steps
     is_linear: bool = False  #: whether it is linear light and not encoded for display
     alpha: AnyArray | None = None  #: (H, W), opacity of the type of the pixels; None if all
     pixel_aspect: float = 1.0  #: width by height of a pixel
@@ -71,7 +73,8 @@ def gif_header(data: bytes) -> Header:
 
 def bmp_header(data: bytes) -> Header:
     """Header of a BMP."""
-    width, height = struct.unpack_from("<ii", data, 18)
+    form = "<HH" if data[14:18] == _OS2_HEAD else "<ii"
+    width, height = struct.unpack_from(form, data, 18)
     return Header(width, abs(height))
 
 
@@ -98,9 +101,9 @@ _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
 _GRAY_ALPHA, _RANK_OF_COLOUR = 2, 3
 
 
-def decode_with_opencv(data: bytes, *, has_alpha: bool = False) -> Decoded:
+def decode_with_opencv(data: bytes, *, has_alpha: bool = False, flags: int = _FLAGS) -> Decoded:
     """Pixels as the file stores them, and its EXIF; a further channel is alpha, or dropped."""
-    pixels, _, metadata = cv2.imdecodeWithMetadata(np.frombuffer(data, np.uint8), flags=_FLAGS)
+    pixels, _, metadata = cv2.imdecodeWithMetadata(np.frombuffer(data, np.uint8), flags=flags)
     if pixels is None or not pixels.size:
         raise InputError(
             "is damaged, or of a variant that cannot be decoded", "copy it again or convert it"
@@ -110,13 +113,26 @@ def decode_with_opencv(data: bytes, *, has_alpha: bool = False) -> Decoded:
     return Decoded(_without_alpha(pixels), exif, alpha=pixels[..., -1] if is_more else None)
 
 
-decode_bmp = decode_with_opencv
 decode_gif = decode_webp = partial(decode_with_opencv, has_alpha=True)
 
 
+def decode_bmp(data: bytes) -> Decoded:
+    """Pixels of a BMP; those of OS/2 are gray if OpenCV is not asked for colours."""
+    is_os2 = data[14:18] == _OS2_HEAD
+    return decode_with_opencv(data, flags=cv2.IMREAD_COLOR if is_os2 else _FLAGS)
+
+
 def decode_netpbm(data: bytes) -> Decoded:
-    """Pixels of a PBM, PGM or PPM; OpenCV refuses texts that do not end in a line break."""
-    return decode_with_opencv(data + b"\n" if data.startswith(_TEXTS) else data)
+    """Pixels of a PBM, PGM or PPM.
+
+    OpenCV refuses texts that do not end in a line break, and takes the end of a header in CRLF for
+    a pixel.
+    """
+    if data.startswith(_TEXTS):
+        return decode_with_opencv(data + b"\n")
+    head = _NETPBM.match(data)
+    end = head.end() if head else 0
+    return decode_with_opencv(data[:end].replace(b"\r\n", b"\n") + data[end:])
 
 
 def can_round_trip(suffix: str) -> bool:

@@ -3,6 +3,7 @@
 It is an extra; the only module that imports it.
 """
 
+import re
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import Any
@@ -31,6 +32,11 @@ _FORMATS = {  # names of formats by the first bytes of their files
     b"\xff\x4f\xff\x51": "JPEG 2000",
 }
 _TGA_END = b"TRUEVISION-XFILE.\0"
+# Without this: kinds of palette and of image, its place, size, bits a pixel, and attributes.
+_TGA = re.compile(
+    rb".[\0\1][\1-\3\x09-\x0b].{9}(?!\0\0)..(?!\0\0)..[\x08\x0f\x10\x18\x20][\0-\x3f]", re.DOTALL
+)
+_COMPRESS_AGAIN = "convert it, for example with 'tiffcp -c zip'"
 _TYPES = ("uint8", "uint16")  # that pixels keep; others become float
 _WHITE_IS_ZERO, _GRAY_ALPHA, _RGB = 0, 2, 3
 
@@ -64,7 +70,7 @@ def decode_openimageio(data: bytes) -> Decoded:
         count = channels + has_alpha
         pixels: AnyArray | None = file.read_image(0, 0, 0, count, kind)
         if pixels is None or file.has_error:
-            raise InputError(f"is damaged ({_reason(file.geterror())})", "copy it again")
+            raise _error(file.geterror())
         if spec.getattribute("tiff:PhotometricInterpretation") == _WHITE_IS_ZERO:
             pixels = (np.iinfo(pixels.dtype).max if kind in _TYPES else 1) - pixels
         space = str(spec.getattribute("oiio:ColorSpace"))
@@ -79,7 +85,7 @@ def decode_openimageio(data: bytes) -> Decoded:
 
 
 def _format_of(data: bytes) -> str | None:
-    if data.endswith(_TGA_END):
+    if data.endswith(_TGA_END) or _TGA.match(data):
         return "Targa"
     return next((name for start, name in _FORMATS.items() if data.startswith(start)), None)
 
@@ -97,10 +103,13 @@ def _opened(data: bytes) -> Iterator[Any]:
         options["oiio:UnassociatedAlpha"] = 1  # colours as they are stored
         file = oiio.ImageInput.open(str(path), options)
         if file is None:
-            raise InputError(f"is damaged ({_reason(oiio.geterror())})", "copy it again")
+            raise _error(oiio.geterror())
         with closing(file):
             yield file
 
 
-def _reason(text: str) -> str:
-    return " ".join(text.split()) or "it cannot be decoded"
+def _error(text: str) -> InputError:
+    reason = " ".join(text.split()) or "it cannot be decoded"
+    if re.search("not (configured|implemented)", reason):  # LERC, ZSTD and LZMA in its wheels
+        return InputError(f"has a compression that is not supported ({reason})", _COMPRESS_AGAIN)
+    return InputError(f"is damaged ({reason})", "copy it again")

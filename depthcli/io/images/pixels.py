@@ -2,11 +2,10 @@
 
 import math
 
-import cv2
 import numpy as np
 
 from depthcli.core.arrays import AnyArray, BoolArray, Float64Array, UInt16Array
-from depthcli.core.imageops import row_bands
+from depthcli.core.imageops import nearest_places, row_bands
 from depthcli.core.options import BLACK_LEVEL, WHITE_LEVEL
 from depthcli.core.types import is_out_of_range
 from depthcli.errors import InputError, Message, UsageError
@@ -15,6 +14,8 @@ _MIRRORED = {2, 4, 5, 7}
 _QUARTER_TURNS = {3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
 _MAX = {np.dtype(np.uint8): 0xFF, np.dtype(np.uint16): 0xFFFF}
 _SLIVER = 0.065  # of the range: all of 12 bits, or of a thermal camera
+_SAME_ASPECT = 0.01
+_TRANSPOSED = 5  # the first orientation that swaps rows and columns
 _STEP = 4  # pixels between those that are looked at
 _OPAQUE = 0.95
 
@@ -39,6 +40,21 @@ def upright_places(
     for _ in range(_QUARTER_TURNS.get(orientation, 0)):
         x, y, width, height = y, width - x, height, width
     return np.column_stack([x, y]), (width, height)
+
+
+def turn_beside(
+    size_px: tuple[int, int], image_px: tuple[int, int], orientation: int
+) -> int | None:
+    """The EXIF orientation to undo in a map beside an image that its EXIF turned; 1 for none.
+
+    By their columns and rows; None where these do not say whether the map is upright already.
+    """
+    (width, height), (across, down) = size_px, image_px
+    fits = abs(width * down / (height * across) - 1) < _SAME_ASPECT
+    fits_turned = abs(width * across / (height * down) - 1) < _SAME_ASPECT
+    if fits and orientation > 1 and (fits_turned or orientation < _TRANSPOSED):
+        return None
+    return orientation if fits_turned and orientation >= _TRANSPOSED and not fits else 1
 
 
 def full_range(
@@ -81,13 +97,8 @@ def fill_transparent(pixels: AnyArray, alpha: AnyArray) -> tuple[AnyArray, BoolA
     if not hidden.any():
         return None
     seeds = alpha >= _OPAQUE * opaque  # colours of softer edges may be mixed with what was behind
-    _, labels = cv2.distanceTransformWithLabels(
-        (~seeds).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    nearest = np.zeros(int(labels.max()) + 1, np.intp)
-    nearest[labels[seeds]] = np.flatnonzero(seeds)
     filled = pixels.copy()
-    filled[hidden] = pixels.reshape(-1, *pixels.shape[2:])[nearest[labels[hidden]]]
+    filled[hidden] = pixels.reshape(-1, *pixels.shape[2:])[nearest_places(seeds)[hidden]]
     return filled, hidden
 
 
@@ -112,6 +123,15 @@ def scaled(pixels: AnyArray, white: int, black: int = 0) -> AnyArray:
     for rows in row_bands(width, height):  # indexing takes several times the memory of the pixels
         result[rows] = levels[pixels[rows]]
     return result
+
+
+def from_video_range(gray: AnyArray, white: int | None = None) -> AnyArray:
+    """Gray of 8 or 16 bits with the limited range of video (ITU-R BT.601) stretched to all of it.
+
+    That is 16 to 235 of 256 steps up to ``white``; None for the maximum of the type.
+    """
+    step = ((white or _MAX[gray.dtype]) + 1) // 256
+    return scaled(gray, 235 * step, 16 * step)
 
 
 def as_frame_dtype(pixels: AnyArray, name: str) -> AnyArray:

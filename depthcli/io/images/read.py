@@ -37,6 +37,7 @@ from depthcli.io.images.pixels import (
     as_frame_dtype,
     check_levels,
     fill_transparent,
+    from_video_range,
     full_range,
     upright,
 )
@@ -296,7 +297,11 @@ def _frame_pixels(
         light = pixels.reshape(*pixels.shape[:2], -1)
         above = encode(light, exposure)
         return light.reshape(pixels.shape), (clip_warning(above / light[..., 0].size),)
-    pixels, warnings = full_range(pixels, header.white, *levels)
+    warnings: tuple[str, ...] = ()
+    if decoded.has_video_range:
+        pixels = from_video_range(pixels, header.white)
+    else:
+        pixels, warnings = full_range(pixels, header.white, *levels)
     hdr = transfer_warning(header.transfer, "image", "sRGB")
     linear = _LIGHT if pixels.dtype.kind == "f" and b"acsp" not in image.data else None
     return as_frame_dtype(pixels, image.name), (*warnings, hdr, linear)

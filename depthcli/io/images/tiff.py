@@ -8,7 +8,7 @@ from contextlib import suppress
 from numbers import Real
 from typing import Any, NamedTuple
 
-from depthcli.core.camera import FILM_DIAGONAL_MM
+from depthcli.core.camera import FILM_DIAGONAL_MM, FOCAL_35MM
 from depthcli.errors import InputError, Message
 from depthcli.io.images.opencv import Decoded, Header, decode_with_opencv
 from depthcli.io.images.openimageio import decode_openimageio, needs_openimageio
@@ -46,7 +46,10 @@ def read_tags(
 
 
 def tag_entries(
-    data: bytes, tags: Collection[int], at: int | None
+    data: bytes,
+    tags: Collection[int],
+    at: int | None = None,
+    types: Mapping[int, str] = _FIELD_TYPES,
 ) -> Iterator[tuple[int, str, int]]:
     """Wanted tags of a directory, with the format and the position of their values."""
     layout = LAYOUTS[data[:4]]
@@ -57,9 +60,9 @@ def tag_entries(
     first = at + struct.calcsize(layout.total)
     for entry in range(first, min(first + layout.entry * count, len(data)), layout.entry):
         tag, kind = unpack_at(order + "HH", data, entry)
-        if tag in tags and kind in _FIELD_TYPES:
+        if tag in tags and kind in types:
             (many,) = unpack_at(number, data, entry + 4)
-            letters = _FIELD_TYPES[kind]
+            letters = types[kind]
             form, position = f"{order}{many * len(letters)}{letters[0]}", entry + layout.value
             if struct.calcsize(form) > struct.calcsize(number):
                 (position,) = unpack_at(number, data, position)
@@ -76,7 +79,6 @@ _FOCAL_MM, _FOCAL_35MM, _SIZE_PX = 0x920A, 0xA405, (0xA002, 0xA003)
 _PLANE, _PLANE_UNIT = (0xA20E, 0xA20F), 0xA210  # pixels a unit on the sensor, across and down
 _EXIF_TAGS = (_ORIENTATION, EXIF_IFD, _FOCAL_MM, _FOCAL_35MM, *_SIZE_PX, *_PLANE, _PLANE_UNIT)
 _UNITS_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
-_LEAST_35MM, _MOST_35MM = 3, 20_000  # from fisheyes to telescopes; others are mistakes
 _SENSOR_MM = 3.0, 100.0  # diagonals, from phones to medium format
 _SQUARE = 0.1
 _RATIONALS = {_FOCAL_MM, *_PLANE}
@@ -98,7 +100,7 @@ class Exif(NamedTuple):
         focal_35mm = numbers.get(_FOCAL_35MM) or _equivalent(numbers)
         return cls(
             int(orientation) if orientation in range(1, 9) else 1,
-            focal_35mm if _LEAST_35MM <= (focal_35mm or 0) <= _MOST_35MM else None,
+            focal_35mm if FOCAL_35MM.holds(focal_35mm or 0) else None,
             focal_mm,
         )
 
@@ -191,7 +193,7 @@ def _light_at_half(profile: bytes) -> float | None:
 _SUBFILE_TYPE, _REDUCED, _REDUCED_OR_MASK, _SUB_DIRECTORIES = 254, 0b1, 0b101, 330
 _WIDTH, _HEIGHT, _BITS, _COMPRESSION = 256, 257, 258, 259
 _PHOTOMETRIC, _SAMPLES, _PLANES, _EXTRA_SAMPLES, _FORMATS = 262, 277, 284, 338, 339
-_ROWS_PER_STRIP, _TILE_WIDTH, _TILE_HEIGHT, _LEAST_TILE_BYTES = 278, 322, 323, 1024
+_ROWS_PER_STRIP, _TILE_WIDTH, _TILE_HEIGHT, _TILE_BYTES = 278, 322, 323, 1024
 _TAGS = (
     *(_SUBFILE_TYPE, _SUB_DIRECTORIES, _WIDTH, _HEIGHT, _BITS, _COMPRESSION),
     *(_PHOTOMETRIC, _SAMPLES, _PLANES, _EXTRA_SAMPLES, _FORMATS),
@@ -199,10 +201,9 @@ _TAGS = (
 )
 _ASSOCIATED, _UNASSOCIATED = 1, 2  # alpha: whether colours are multiplied by it
 _EIGHT, _SIXTEEN, _MAX_CHANNELS = 8, 16, 4
+_GDAL_NODATA, _TEXT = 42113, {2: "B"}
 # With any other, OpenCV returns a black image.
-_COMPRESSIONS_OF_OPENCV = frozenset(
-    {1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946, 34676, 34677, 34887, 34925, 50000, 50001}
-)
+_COMPRESSIONS_OF_OPENCV = frozenset({1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946, 34676, 34677})
 _UNCOMPRESSED, _DEFLATE = 1, (8, 32946)
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PLANAR, _FLOAT = 0, 1, 2, 2, 3
 _SUBSAMPLED, _CHANNELS = 6, {_RGB: 3, 5: 4, 6: 3}  # by photometric interpretation, at least
@@ -257,8 +258,8 @@ def _not_for_opencv(tags: Mapping[int, int]) -> str | None:
     if tags.get(_BITS, 1) <= _EIGHT:
         tile = tags.get(_TILE_WIDTH, 0) * tags.get(_TILE_HEIGHT, 0) * channels
         # OpenCV takes tifffile's and tiffcp's for damaged.
-        is_small = 0 < tile < _LEAST_TILE_BYTES and coding == _UNCOMPRESSED
-        return "has uncompressed tiles of less than a kilobyte" if is_small else None
+        is_odd = coding == _UNCOMPRESSED and tile % _TILE_BYTES
+        return "has uncompressed tiles of no whole number of kilobytes" if is_odd else None
     is_float = tags.get(_FORMATS, 1) == _FLOAT
     if is_float and tags[_BITS] == _SIXTEEN:
         return "has half-precision floats"
@@ -310,13 +311,21 @@ def _check_content(data: bytes, tags: Mapping[int, int]) -> None:
 def _with_colours_as_stored(data: bytes) -> bytes:
     """The file with its alpha declared associated, so that no decoder multiplies by it."""
     with suppress(struct.error):
-        for _, form, position in tag_entries(data, (_EXTRA_SAMPLES,), None):
+        for _, form, position in tag_entries(data, (_EXTRA_SAMPLES,)):
             values = unpack_at(form, data, position)
             if _UNASSOCIATED in values:
                 declared = (_ASSOCIATED if value == _UNASSOCIATED else value for value in values)
                 tail = position + struct.calcsize(form)
                 return data[:position] + struct.pack(form, *declared) + data[tail:]
     return data
+
+
+def no_data_value(data: bytes) -> float:
+    """The number that stands for no data in a TIFF by GDAL's tag; NaN if it states none."""
+    with suppress(struct.error, ValueError, KeyError):
+        for _, form, position in tag_entries(data, (_GDAL_NODATA,), types=_TEXT):
+            return float(bytes(unpack_at(form, data, position)).strip(b" \0"))
+    return math.nan
 
 
 def _image_count(data: bytes) -> int:

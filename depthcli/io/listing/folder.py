@@ -11,6 +11,7 @@ from typing import NamedTuple, Self, TypeAlias
 from depthcli.errors import InputError, UsageError, os_errors_as
 from depthcli.io.guard import is_own_output
 from depthcli.io.media import CAMERA_RAW, EXTRAS, is_media, lower_suffix
+from depthcli.io.storage.objects import NO_PATH
 from depthcli.io.storage.paths import RemotePath, path_of
 
 HIDDEN = "hidden"
@@ -169,9 +170,13 @@ def _list_objects(
             if above != folder:  # names come folder by folder
                 folder, is_entered = above, not _is_skipped(above, skip)
             # Some tools create an empty object for the folder itself.
-            if not name or not is_entered or (out and name.startswith(out)):
+            if not name or name.endswith("/") or not is_entered or (out and name.startswith(out)):
                 continue
-            listing.add(name, f"{start}/{name}", refusal(f"{start}/{name}"))
+            place = f"{start}/{name}"
+            if {"", ".", ".."}.isdisjoint(name.split("/")):
+                listing.add(name, place, refusal(place))
+            else:
+                listing.media.append(InputFile(name, place, f"{place}: {NO_PATH}"))
     if folder is None:
         raise UsageError(f"{root} is not a folder", "name one, or give {files} a list")
     listing.media.sort(key=lambda file: _walk_sort_key(file.name))

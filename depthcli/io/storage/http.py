@@ -2,6 +2,7 @@
 
 import errno
 import ipaddress
+import re
 import socket
 from base64 import b64encode
 from collections.abc import Callable, Iterator
@@ -18,6 +19,7 @@ from urllib.request import HTTPRedirectHandler, Request, build_opener
 _TIMEOUT_S = 60
 _PART_BYTES = 8 << 20
 _PARTIAL = 206
+_RANGE = re.compile(r"bytes (\d+)-\d+/(?:(\d+)|\*)", re.ASCII)
 _TRANSIENT = frozenset((429, 500, 502, 503, 504))
 ERRORS = (HTTPException, OSError, ValueError)  #: of requests; OSError has no number
 _SAFE = "%/:=&?~+!$,;'@()*[]"
@@ -54,8 +56,7 @@ def fetch(
     """Size of a file, and its content from a byte on in parts; resumed where it is cut off."""
     headers = {"Range": f"bytes={start}-"} if start else None
     answer = _retried(lambda: _opened(url, headers), retries, pause)
-    first = start if answer.status == _PARTIAL else 0
-    size, tag = first + _size(answer), answer.headers.get("ETag", "")
+    (first, size), tag = _range_of(answer, start), answer.headers.get("ETag", "")
 
     def parts() -> Iterator[bytes]:
         source, done = answer, first
@@ -71,10 +72,20 @@ def fetch(
             pause(tries)
             headers = {"Range": f"bytes={done}-", **({"If-Range": tag} if tag else {})}
             source = _retried(partial(_opened, url, headers), retries, pause)
-            if source.status != _PARTIAL and done:
+            if _range_of(source, done)[0] != done:
                 raise OSError(errno.EIO, "it is cut off, and the server cannot go on there")
 
     return size, parts()
+
+
+def _range_of(answer: Any, start: int) -> tuple[int, int]:  # noqa: ANN401
+    """First byte of an answer, and the size of the whole file; OSError if another range came."""
+    if answer.status != _PARTIAL:
+        return 0, _size(answer)
+    stated = _RANGE.match(answer.headers.get("Content-Range", ""))
+    if stated is None or int(stated[1]) != start:
+        raise OSError(errno.EIO, "the server answers with another part of it; try again later")
+    return start, int(stated[2]) if stated[2] else start + _size(answer)
 
 
 def _opened(url: str, headers: dict[str, str] | None = None, method: str = "GET") -> Any:  # noqa: ANN401

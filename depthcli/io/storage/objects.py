@@ -32,6 +32,7 @@ _PART_BYTES = 8 << 20
 _PAGE_NAMES = 1000
 _MAX_PARTS = 9_000  # S3 takes 10 000
 _MAX_CLIENTS = 32  # each keeps connections open
+NO_PATH = "a name with an empty, '.' or '..' part cannot be read"
 _REASONS = {
     "NoSuchBucket": (errno.ENOENT, "no such bucket"),
     "configured region": (errno.EINVAL, "it is in another region; set AWS_DEFAULT_REGION"),
@@ -44,7 +45,8 @@ _REASONS = {
     "timed out": (errno.ETIMEDOUT, "no answer came in time; check the network"),
     "urlopen error": (errno.EHOSTUNREACH, "it cannot be reached; check host and network"),
     "error sending request": (errno.EHOSTUNREACH, "it cannot be reached; check host and network"),
-    "Error parsing Path": (errno.EINVAL, "a name with an empty, '.' or '..' part cannot be read"),
+    "Error parsing Path": (errno.EINVAL, NO_PATH),
+    "object with invalid path": (errno.EINVAL, NO_PATH),
 }
 
 
@@ -172,10 +174,25 @@ class RemotePath(Path, PurePosixPath):
             pages = waiting
             return batch
 
-        while batch := _with_retries(self, page):
-            for entry in batch:
-                after = entry["path"][len(start) :]
-                yield after
+        try:
+            while batch := _with_retries(self, page):
+                for entry in batch:
+                    after = entry["path"][len(start) :]
+                    yield after
+        except OSError as error:  # one key of a page that is no path ends it
+            if error.strerror != NO_PATH or not self.base.startswith("s3://"):
+                raise
+            yield from _names_by_boto3(self.base.removeprefix("s3://"), start, after)
+
+
+def _names_by_boto3(bucket: str, start: str, after: str) -> Iterator[str]:
+    """Names after one of all objects below a prefix of S3, also those that are no paths."""
+    import boto3  # noqa: PLC0415 - in an extra
+
+    client = boto3.client("s3", region_name=os.environ.get("AWS_REGION"))
+    place = {"Bucket": bucket, "Prefix": start, "StartAfter": start + after}
+    for page in client.get_paginator("list_objects_v2").paginate(**place):
+        yield from (entry["Key"][len(start) :] for entry in page.get("Contents", ()))
 
 
 def head(address: RemotePath) -> tuple[int, int, Mapping[str, str]]:

@@ -114,6 +114,7 @@ class StoredDepth:
             depth = DepthMap(reciprocal(values), DepthKind.METRIC, provenance)
         elif encoding is not DepthEncoding.METRIC:
             depth = DepthMap(values, DepthKind(encoding), provenance)
+        depth = replace(depth, values=np.where(depth.valid, depth.values, np.float32(np.nan)))
         frame = frame or Frame(np.zeros((1, 1), np.uint8))
         return cls(str(path), depth, texts, scale, is_integer, frame, warnings=warnings)
 
@@ -184,22 +185,25 @@ def _of_integers(
         units = MILLIMETRES
     values = facts.dequantized(steps, units)
     if kind in {DepthEncoding.METRIC, DepthEncoding.DISTANCE} and "software" not in texts:
-        values[steps == facts.UINT16_MAX] = np.inf  # unknown, or farther
+        values[steps == facts.UINT16_MAX] = np.nan  # unknown, or farther
     return values
 
 
 def _without_background(values: Float32Array, name: str) -> tuple[Float32Array, tuple[str, ...]]:
     """Depth without the numbers that stand for the sky, and positive where all is negative.
 
-    Maya and OpenGL have cameras that look along -Z.
+    Maya and OpenGL have cameras that look along -Z. -1 stands for no depth in many programs.
     """
     warnings: tuple[str, ...] = ()
     sky = np.isfinite(values) & ((values >= _BACKGROUND) | (values == _HALF_BACKGROUND))
     if sky.any():
         warnings = (f"{name}: {sky.sum()} pixels of {values[sky].max():g} are taken as no depth",)
         values = np.where(sky, np.float32(np.nan), values)
-    finite = values[np.isfinite(values)]
-    if finite.size and finite.max() <= 0 and ((finite < 0) & (finite != -1)).any():
+    negative = values[np.isfinite(values) & (values < 0) & (values != -1)]
+    if negative.size and (values > 0).any():
+        ends = f"{negative.min():g} to {negative.max():g}"
+        warnings += (f"{name}: {negative.size} pixels from {ends} are taken as no depth",)
+    elif negative.size:
         warnings += (f"{name} holds negative depth, along -Z, so its sign is changed",)
         values = -values
     return values, warnings
@@ -218,7 +222,7 @@ def _seen_by(
     if frame is not None and frame.windows is not None:
         pixels, display = frame.windows.pixels, frame.windows.display  # that the camera is of
     source = depth.provenance
-    focal_px = options.camera.focal_for(display.width) or source.focal_px
+    focal_px = options.camera.focal_for(display.width, display.height) or source.focal_px
     if focal_px is None:
         raise InputError(f"{name} holds {encoding}, which needs a focal length", "give {focal_px}")
     if encoding is DepthEncoding.DISPARITY:

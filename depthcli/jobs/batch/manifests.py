@@ -4,7 +4,7 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from depthcli.errors import UsageError, os_errors_as
+from depthcli.errors import Message, UsageError, os_errors_as
 from depthcli.io import manifest
 from depthcli.io.manifest import Journal, Rows, known_rows
 
@@ -40,6 +40,19 @@ def read_rows(path: Path) -> Rows:
     return rows
 
 
+def damage(path: Path) -> Message | None:
+    """The problem of lines that are no rows in a manifest, or in those of a folder."""
+    files = manifest.row_files(path) if path.is_dir() else [path]
+    for file in files:
+        damaged = () if manifest.is_journal(file) else manifest.damaged_lines(file)
+        if damaged:
+            return Message(
+                f"{file}: line {damaged[0]} is no row, and {len(damaged) - 1} others are none",
+                "remove them, and the next batch processes their inputs again",
+            )
+    return None
+
+
 def summarize(rows: Rows) -> Summary:
     """Sums over all rows."""
     models: Counter[tuple[str, str, str]] = Counter()
@@ -63,13 +76,8 @@ def merge_manifests(folder: Path) -> Path:
     files = manifest.row_files(folder)
     if not files:
         raise UsageError(f"no manifest in {folder}", "name the output folder of a batch")
-    for path in files:
-        damaged = () if manifest.is_journal(path) else manifest.damaged_lines(path)
-        if damaged:
-            raise UsageError(
-                f"{path}: line {damaged[0]} is no row, and {len(damaged) - 1} others are none",
-                "remove them, and the next batch processes their inputs again",
-            )
+    if problem := damage(folder):
+        raise UsageError(problem)
     journal = Journal(folder)
     journal.finish(None)
     return journal.manifest

@@ -21,6 +21,7 @@ from depthcli.core.types import Frame
 from depthcli.errors import DatasetError, InputError, Message
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.images import read
+from depthcli.io.images.pixels import turn_beside, upright
 from depthcli.io.images.png import SIGNATURE
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.stored.depth import AS_STATED, DepthReadOptions, StoredDepth
@@ -110,7 +111,9 @@ class FolderDataset(DepthDataset):
                 raise DatasetError(f"{pair.mask} is no mask of {pair.depth}") from error
         if not self.paired:
             return depth_m
-        return in_view(depth_m, pair, self._image_shape(i, depth_m.shape))
+        shape, orientation = self.image_facts(i, depth_m.shape)
+        turn = turn_beside(depth_m.shape[::-1], shape[::-1], orientation)
+        return in_view(upright(depth_m, turn or 1), pair, shape)
 
     def stored(self, i: int) -> StoredDepth:
         """The depth file of pair ``i``."""
@@ -134,7 +137,7 @@ class FolderDataset(DepthDataset):
         """
         angle, scaled = 2 * math.tan(math.radians(hfov_deg) / 2), []
         for i, focal_px in enumerate(self.focal_px):
-            width_px = math.sqrt(aspect * math.prod(self._image_shape(i)))
+            width_px = math.sqrt(aspect * math.prod(self.image_facts(i)[0]))
             scaled.append(replace(self.pairs[i], scale=width_px / angle / focal_px))
         return replace(self, pairs=tuple(scaled))
 
@@ -155,7 +158,9 @@ class FolderDataset(DepthDataset):
     def without_unfit_cameras(self) -> tuple[Self, tuple[str, ...]]:
         """The pairs without cameras of images of another size, and a warning about them."""
         first = {pair.camera: i for i, pair in reversed([*enumerate(self.pairs)])}
-        sizes = ((camera, self._image_shape(i)) for camera, i in first.items() if camera.centre_px)
+        sizes = (
+            (camera, self.image_facts(i)[0]) for camera, i in first.items() if camera.centre_px
+        )
         unfit = {camera for camera, (height, width) in sizes if not _is_of(camera, width, height)}
         if not unfit:
             return self, ()
@@ -169,8 +174,11 @@ class FolderDataset(DepthDataset):
         )
         return replace(self, pairs=tuple(pairs)), (warning,)
 
-    def _image_shape(self, i: int, expected: tuple[int, ...] = ()) -> tuple[int, int]:
-        """(rows, columns) of image ``i``, upright; its header is enough if it is as expected."""
+    def image_facts(self, i: int, expected: tuple[int, ...] = ()) -> tuple[tuple[int, int], int]:
+        """(rows, columns) of image ``i``, upright, and the orientation that was undone.
+
+        Its header is enough if it is as expected.
+        """
         path = _file(self.pairs[i].image)
         with as_dataset_error():
             data = read_bytes(path)
@@ -179,8 +187,9 @@ class FolderDataset(DepthDataset):
             may_be_turned = not is_plain or b"Exif" in data or b"eXIf" in data
             header = None if may_be_turned else read.check(data, str(path)).header
         if header and expected in {(), (header.height, header.width)}:
-            return header.height, header.width
-        return read_image_rgb(path).shape[:2]
+            return (header.height, header.width), 1
+        frame = self.frame(i)
+        return (frame.height, frame.width), frame.orientation
 
 
 def _file(path: Path | None) -> Path:
@@ -252,6 +261,10 @@ def open_paired_folder(
     shape = first.displayed.values.shape
     if dataset.depth_m(0).shape != shape:
         notes.append(f"depth of {shape[1]}×{shape[0]} is compared in the view of the images")
+    size, orientation = dataset.image_facts(0)
+    if turn_beside(shape[::-1], size[::-1], orientation) is None:
+        turned = f"EXIF turned the images (orientation {orientation}); depth is taken as upright"
+        unfit = (*unfit, turned)
     if not dataset.focal_px:
         notes.append("focal length: what EXIF states, else what each model assumes")
     check_unit(dataset, path, plausible_m)

@@ -67,8 +67,7 @@ def apply_overrides(
     """Apply TOML files, then ``a.b=c`` settings, to a base configuration."""
     for file in files:
         try:
-            text = read_regular(file, _MAX_BYTES).decode("utf-8-sig")
-            base = updated(base, tomllib.loads(text))
+            base = updated(base, tomllib.loads(read_regular(file, _MAX_BYTES).decode("utf-8-sig")))
         except OSError as error:
             raise UsageError(f"cannot read the configuration {file}: {error.strerror}") from None
         except (ValueError, UsageError) as error:

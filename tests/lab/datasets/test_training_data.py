@@ -7,12 +7,14 @@ from typing import Literal
 import cv2
 import numpy as np
 import pytest
+from helpers import made
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.types import Frame
 from depthcli.errors import DatasetError, UsageError
 from depthcli.inference.camera import intrinsics_of, metric_scale
 from depthcli.inference.transforms import input_layout
+from depthcli.io.images.pixels import upright
 from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.lab.datasets.base import Pair, SplitName, split_nyu
 from depthcli.lab.datasets.folders import in_view, open_paired_folder
@@ -111,6 +113,21 @@ def test_depth_of_a_wider_camera_is_cut_to_the_view_of_the_image() -> None:
             column, row = (x - 7.5) / 2 + 7.5, (y - 3.5) / 2 + 3.5
             assert abs(seen[y, x] % 16 - column) <= 0.5
             assert abs(seen[y, x] // 16 - row) <= 0.5
+
+
+@pytest.mark.parametrize("size", [(12, 16), (16, 16)])
+def test_depth_of_the_sensor_is_turned_with_its_image(
+    size: tuple[int, int], tmp_path: Path
+) -> None:
+    depth_mm = np.arange(1000, 1000 + size[0] * size[1], dtype=np.uint16).reshape(size)
+    _image(tmp_path, "rgb/a.jpg", "depth/a.png", size=size)
+    cv2.imwrite(str(tmp_path / "depth/a.png"), depth_mm)
+    jpeg = made.encoded(".jpg", np.full((*size, 3), 99, np.uint8))
+    (tmp_path / "rgb/a.jpg").write_bytes(made.jpeg_with_exif(jpeg, made.exif(6)))
+    dataset, is_square = open_paired_folder(tmp_path), size == (16, 16)
+    expected = depth_mm if is_square else upright(depth_mm, 6)
+    np.testing.assert_allclose(dataset.depth_m(0), expected / 1000)
+    assert is_square == any("orientation 6" in warning for warning in dataset.warnings)
 
 
 def test_a_camera_of_another_size_is_not_used(tmp_path: Path) -> None:
