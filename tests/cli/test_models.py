@@ -121,6 +121,9 @@ def test_without_the_variable_models_lie_in_the_data_folder(inside: Cli, downloa
     listed = inside("models", "list", **places).stdout.decode()
     assert "midas-small\t" in listed
     assert "default\t" in listed
+    nowhere = {"XDG_DATA_HOME": "", "HOME": "relative"}  # as in a container without an account
+    assert inside("models", "list", **places | nowhere).returncode == 0
+    inside("models", "add", download, "--card", "midas-small", **places | nowhere, code=1)
 
 
 def test_the_ready_cards_ship_in_the_wheel(inside: Cli) -> None:
