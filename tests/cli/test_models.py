@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -121,9 +122,18 @@ def test_without_the_variable_models_lie_in_the_data_folder(inside: Cli, downloa
     listed = inside("models", "list", **places).stdout.decode()
     assert "midas-small\t" in listed
     assert "default\t" in listed
-    nowhere = {"XDG_DATA_HOME": "", "HOME": "relative"}  # as in a container without an account
-    assert inside("models", "list", **places | nowhere).returncode == 0
-    inside("models", "add", download, "--card", "midas-small", **places | nowhere, code=1)
+
+
+def test_without_home_and_account_nothing_is_kept(
+    inside: Cli, download: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr(os, "getuid", lambda: 2**31 - 9)  # as of a user in a container
+    places = {"DEPTHCLI_MODELS": "", "XDG_DATA_HOME": ""}
+    inside("models", "list", **places, code=0)
+    refused = inside("models", "add", download, "--card", "midas-small", **places)
+    assert (refused.returncode, refused.stderr.count(b"\n")) == (1, 1)
+    assert not (inside.folder / "~").exists()
 
 
 def test_the_ready_cards_ship_in_the_wheel(inside: Cli) -> None:

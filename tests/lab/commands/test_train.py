@@ -94,6 +94,7 @@ def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> Non
     ("arguments", "reason"),
     [
         (("pix2pix", "--data", "data"), "no method 'pix2pix'; choose from cyclegan, cut"),
+        (("propsed", "--data", "data"), "no method 'propsed'; did you mean 'proposed'?"),
         (("proposed",), "--data"),
         (("proposed", "--preset", "huge"), "no preset 'huge'"),
         (("proposed", "--set", "optim.speed=1"), "optim.speed is unknown"),

@@ -4,6 +4,7 @@ import tomllib
 from pathlib import Path
 from pkgutil import resolve_name
 
+from depthcli.core.options import suggestion
 from depthcli.errors import UsageError
 from depthcli.lab.training.config import TERMS, TrainConfig, updated
 from depthcli.lab.training.methods.base import Method
@@ -19,9 +20,8 @@ def method_class(name: str) -> type[Method]:
         return resolve_name(f"depthcli.lab.training.methods.{METHODS[name]}")  # type: ignore[no-any-return]
     kind = imported(name) if ":" in name else None
     if not (isinstance(kind, type) and issubclass(kind, Method)):
-        names = ", ".join(METHODS)
-        advice = f"choose from {names}, or name a subclass of Method as module:Class"
-        raise UsageError(f"no method '{name}'; {advice}")
+        advice = f"choose from {', '.join(METHODS)}, or name a subclass of Method as module:Class"
+        raise UsageError(f"no method '{name}'", suggestion(name, METHODS, advice))
     return kind
 
 
