@@ -232,7 +232,7 @@ def test_list_of_paths_may_have_columns_of_bytes(inside: Cli) -> None:
 def test_several_columns_of_images_need_a_name(inside: Cli) -> None:
     table = pa.table({name: pa.array([png(1)], pa.binary()) for name in ("left", "right")})
     pq.write_table(table, inside.folder / "p.parquet")
-    assert inside("batch", "p.parquet", "--out", "out").returncode == 2
+    assert b"--column" in inside("batch", "p.parquet", "--out", "out", code=1).stderr
     assert inside("batch", "p.parquet", "--out", "out", "--column", "left").returncode == 0
 
 
@@ -243,6 +243,12 @@ def test_folder_of_shards_alone_is_read_and_its_tree_is_kept(inside: Cli) -> Non
     (inside.folder / "in" / "notes.txt").touch()
     assert inside("batch", "in", "-o", "out").returncode == 0
     assert rows(inside, "out").keys() == {"train/0.tar", "1.tar"}
+    pq.write_table(pa.table({"width": [1]}), inside.folder / "in" / "facts.parquet")
+    (inside.folder / "in" / "cut.parquet").write_bytes(b"PAR1")
+    inside("batch", "in", "-o", "again", code=1)
+    results = {name: row["status"] for name, row in rows(inside, "again").items()}
+    good = {"1.tar": "ok", "train/0.tar": "ok"}
+    assert results == {"facts.parquet": "failed", "cut.parquet": "failed", **good}
     assert (inside.folder / "out" / "train" / "0.depth.tar").exists()
     assert inside("batch", "in", "-o", "in/one").returncode == 0
     assert inside("batch", "in", "-o", "in/two").returncode == 0
