@@ -243,16 +243,16 @@ def test_folder_of_shards_alone_is_read_and_its_tree_is_kept(inside: Cli) -> Non
     (inside.folder / "in" / "notes.txt").touch()
     assert inside("batch", "in", "-o", "out").returncode == 0
     assert rows(inside, "out").keys() == {"train/0.tar", "1.tar"}
+    assert (inside.folder / "out" / "train" / "0.depth.tar").exists()
+    assert inside("batch", "in", "-o", "in/one").returncode == 0
+    assert inside("batch", "in", "-o", "in/two").returncode == 0
+    assert rows(inside, "in/two").keys() == {"train/0.tar", "1.tar"}
     pq.write_table(pa.table({"width": [1]}), inside.folder / "in" / "facts.parquet")
     (inside.folder / "in" / "cut.parquet").write_bytes(b"PAR1")
     inside("batch", "in", "-o", "again", code=1)
     results = {name: row["status"] for name, row in rows(inside, "again").items()}
     good = {"1.tar": "ok", "train/0.tar": "ok"}
     assert results == {"facts.parquet": "failed", "cut.parquet": "failed", **good}
-    assert (inside.folder / "out" / "train" / "0.depth.tar").exists()
-    assert inside("batch", "in", "-o", "in/one").returncode == 0
-    assert inside("batch", "in", "-o", "in/two").returncode == 0
-    assert rows(inside, "in/two").keys() == {"train/0.tar", "1.tar"}
     (inside.folder / "in" / "a.png").write_bytes(png(3))
     assert inside("batch", "in", "-o", "other").returncode == 0
     assert rows(inside, "other").keys() == {"a.png"}
