@@ -53,8 +53,8 @@ def _prepare() -> None:
     # would take a tenth of the time of one image.
     gc.set_threshold(_GC_THRESHOLD)
     # NumPy's OpenBLAS starts a thread per core that spins for 60 ms before it sleeps, while the
-    # model loads on the same cores. This lets the threads sleep at once.
-    os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
+    # model loads on the same cores, and crashes if memory is too short for their stacks.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # For modules that import onnxruntime themselves; see depthcli/inference/providers.py.
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 

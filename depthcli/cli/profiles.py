@@ -12,7 +12,8 @@ from typing import Any
 
 from depthcli.cli.groups import Given
 from depthcli.cli.parse import ALTERNATIVES
-from depthcli.cli.table import PROFILE_COMMANDS, PROGRAM, plain_command, suggestion
+from depthcli.cli.table import PROFILE_COMMANDS, PROGRAM, plain_command
+from depthcli.core.options import suggestion
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format, format_of
 from depthcli.io.storage.paths import config_folder, read_regular
@@ -66,8 +67,8 @@ def apply(context: Any, name: str) -> None:  # noqa: ANN401 - typer's own
             continue
         names = {key for name in PROFILE_COMMANDS for key in _options_of(plain_command(name))}
         if key not in names:
-            hint = suggestion(key, names, f"{PROGRAM} {context.info_name}")
-            raise UsageError(f"profile {name!r}: no option named {key!r}{hint}")
+            hint = suggestion(key, names, f"see '{PROGRAM} {context.info_name} --help'")
+            raise UsageError(f"profile {name!r}: no option named {key!r}", hint)
     context.default_map = _Defaults(context, defaults)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import traceback
 from collections.abc import Sequence
 from typing import Any
@@ -16,6 +17,7 @@ from depthcli.cli import table
 from depthcli.cli.completion import starting_with
 from depthcli.cli.groups import USUAL
 from depthcli.cli.screen import console
+from depthcli.core.options import suggestion
 from depthcli.errors import DepthcliError, ExitCode, UsageError, is_out_of_memory
 
 _EXTRAS = {
@@ -49,8 +51,8 @@ class LazyGroup(TyperGroup):
             return load_command(cmd_name)
         if ctx.resilient_parsing:
             return None
-        hint = table.suggestion(cmd_name, table.COMMANDS, table.PROGRAM)
-        raise UsageError(f"no command named {cmd_name!r}{hint}")
+        hint = suggestion(cmd_name, table.COMMANDS, f"see '{table.PROGRAM} --help'")
+        raise UsageError(f"no command named {cmd_name!r}", hint)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002
         """The text of ``depthcli --help``."""
@@ -136,7 +138,9 @@ def _usage_text(error: Any) -> str:  # noqa: ANN401 - typer's own types
         names = {word for parameter in context.command.params for word in parameter.opts}
         hints = [f"; give {hint}" for hint in foreign if hint.split()[0] in names]
         message = "".join([f"no such option: {error.option_name}", *hints[:1]])
-    return f"{message[0].lower()}{message[1:]}; see '{path} --help'"
+    start, _, end = message.partition("' is not one of ")
+    hint = suggestion(start.split("'")[-1], re.findall("'(.*?)'", end), f"see '{path} --help'")
+    return f"{message[0].lower()}{message[1:]}; {hint}"
 
 
 def load_command(name: str) -> Any:  # noqa: ANN401 - typer's own types

@@ -2,7 +2,6 @@
 
 TYPE_CHECKING = False  # as in depthcli/cli/app.py
 if TYPE_CHECKING:
-    from collections.abc import Iterable
     from typing import Any
 
 PROGRAM = "depthcli"
@@ -63,11 +62,3 @@ def plain_command(name: str) -> "Any":  # noqa: ANN401 - typer's own types
     command = command_of(resolve_name(f"depthcli.{folder}.commands.{place}"), summary)
     command.name = name
     return command
-
-
-def suggestion(word: str, names: "Iterable[str]", help_of: str) -> str:
-    """End of a message about an unknown name: a similar name, or which help to read."""
-    from difflib import get_close_matches
-
-    close = get_close_matches(word, names, n=1)
-    return f"; did you mean {close[0]!r}?" if close else f"; see '{help_of} --help'"

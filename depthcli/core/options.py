@@ -1,6 +1,6 @@
 """Choices for options of depth maps and models; safe texts; no numpy, for the help."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple, TypeVar
@@ -23,6 +23,14 @@ def chosen(kind: type[_Choice], value: str, what: str) -> _Choice:
     if value not in tuple(kind):
         raise UsageError(f"{what} is {' or '.join(kind)}, not {short_repr(value)}")
     return kind(value)
+
+
+def suggestion(word: str, names: Iterable[str], otherwise: str = "") -> str:
+    """Advice about an unknown name: a similar one, or what to do otherwise."""
+    from difflib import get_close_matches  # noqa: PLC0415 - for errors only
+
+    close = get_close_matches(word, names, n=1)
+    return f"did you mean {close[0]!r}?" if close else otherwise
 
 
 class Upsampling(StrEnum):

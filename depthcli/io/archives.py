@@ -53,9 +53,12 @@ def members(path: Path, column: str | None = None) -> Iterator[Member]:
     Of a webdataset sample, that is its first image whose name has one suffix (``0001.jpg``).
 
     The column is that of Parquet with the images; of tar, it is the part of the names after the
-    first dot, such as ``rgb.png``.
+    first dot, such as ``rgb.png``. InputError if it cannot be read, or has no such images.
     """
-    return _parquet_members(path, column) if _is_parquet(path) else _tar_members(path, column)
+    try:
+        yield from (_parquet_members if _is_parquet(path) else _tar_members)(path, column)
+    except UsageError as error:  # one archive does not stop the others
+        raise InputError(error.message) from error
 
 
 def _is_parquet(path: Path) -> bool:

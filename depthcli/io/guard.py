@@ -18,13 +18,11 @@ from depthcli.io.storage.paths import RemotePath, path_of, read_regular
 _HEAD_BYTES = 4096
 _WEBM_HEAD_BYTES = 2**16  # tags come after the headers of audio, of which Vorbis' are long
 _DEFAULT_STEM = re.compile(r"(?i)\.depth(\.\d+)?$", re.ASCII)
-# Depth videos have labels, those of colours a comment.
-_MARKS = {PurePath(f"a{facts.suffix}").suffix: facts.mark for facts in FORMATS.values()} | {
-    ".mkv": LABEL_PREFIX.encode(),
-    ".mp4": COMMENT_PREFIX.encode(),
-    ".webm": COMMENT_PREFIX.encode(),
-    ".mov": COMMENT_PREFIX.encode(),
-}
+_IMAGES = (".png", ".exr", ".tif", ".tiff", ".pgm")
+_VIDEOS = (".mkv", ".mp4", ".webm", ".mov")
+_MARKS = {PurePath(f"a{facts.suffix}").suffix: facts.mark for facts in FORMATS.values()}
+_MARKS |= dict.fromkeys(_VIDEOS, COMMENT_PREFIX.encode())  # of colours
+_MARKS[".mkv"] = LABEL_PREFIX.encode()  # of depth
 
 
 def is_own(path: Path) -> bool:
@@ -55,7 +53,6 @@ def _index_end(head: bytes) -> int:
     return start + int.from_bytes(head[start : start + 4]) if is_index else _HEAD_BYTES
 
 
-_IMAGES = (".png", ".exr", ".tif", ".tiff", ".pgm")
 _IMAGE_NAME = (
     r"(?i)(\.((depth|normals)(\.\d{6,})?\.(png|pgm|tiff?)|(preview|stereo)\.png)"
     r"|(depth|normals)[^/]*\.exr)$"
@@ -63,21 +60,20 @@ _IMAGE_NAME = (
 _OTHER_NAME = r"(?i)\.(depth\.(mkv|tar|parquet)|stereo\.mp4|preview\.(mp4|webm|mov))$"
 
 
-def is_own_image(path: str | Path) -> bool:
-    """Whether a file is an image that depthcli wrote; in a store, by its name first."""
+def is_own_image(path: str | Path, suffixes: tuple[str, ...] = _IMAGES) -> bool:
+    """Whether a file of such a suffix is one that depthcli wrote; in a store, by its name first."""
     path = path_of(path)
     if isinstance(path, RemotePath) and not re.search(_IMAGE_NAME, path.name):
         return False  # saves a request for each input
     try:
-        return path.suffix.lower() in _IMAGES and is_own(path)
+        return path.suffix.lower() in suffixes and is_own(path)
     except OSError:
         return False
 
 
 def is_own_output(path: str) -> bool:
-    """Whether a file found in a folder is an output: an image if opened, others by their name."""
-    is_named = re.search(_IMAGE_NAME, path)
-    return bool(re.search(_OTHER_NAME, path) or (is_named and is_own_image(path)))
+    """Whether an image or a video is one that depthcli wrote, which is no input of another."""
+    return bool(re.search(_OTHER_NAME, path)) or is_own_image(path, _IMAGES + _VIDEOS)
 
 
 @dataclass(frozen=True, slots=True)

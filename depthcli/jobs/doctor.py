@@ -12,8 +12,6 @@ from typing import Literal
 
 from depthcli.errors import DepthcliError
 
-_PACKAGES = ("numpy", "opencv-python-headless", "simplejpeg", "OpenEXR", "av", "typer", "rich")
-_OPTIONAL = ("deflate", "pillow-heif", "torch", "onnx")
 _MODULES = {
     "numpy": ("ndarray", "numpy"),
     "cv2": ("imdecode", "opencv-python-headless"),
@@ -64,19 +62,32 @@ def _tried(name: str, action: Callable[[], object], works: str) -> Check:
 
 
 def check_versions() -> Iterator[Check]:
-    """Report the installed versions of depthcli, Python and the packages."""
-    from importlib.metadata import PackageNotFoundError, version
+    """Compare the installed packages with what depthcli and its extras require."""
+    from importlib.metadata import PackageNotFoundError, requires, version
+
+    from packaging.requirements import Requirement
 
     from depthcli._version import __version__
 
     yield Check("depthcli", "ok", __version__)
     yield Check("Python", "ok", sys.version.split()[0])
-    for package in (*_PACKAGES, *_OPTIONAL):
+    packages = dict[str, Requirement]()
+    for text in requires("depthcli") or ():
+        if not text.endswith("extra == 'dev'"):
+            packages.setdefault(Requirement(text).name, Requirement(text))
+    for name, requirement in packages.items():
+        is_needed = not requirement.marker or requirement.marker.evaluate({"extra": ""})
         try:
-            yield Check(package, "ok", version(package))
+            installed = version(name)
         except PackageNotFoundError:
-            if package in _PACKAGES:
-                yield Check(package, "warning", "not installed under this name")
+            if is_needed:
+                yield Check(name, "warning", "not installed under this name")
+            continue
+        if requirement.specifier.contains(installed, prereleases=True):
+            yield Check(name, "ok", installed)
+            continue
+        mend = f"{installed}; install what is needed: pip install '{name}{requirement.specifier}'"
+        yield Check(name, "failed" if is_needed else "warning", mend)
 
 
 def check_modules() -> Iterator[Check]:

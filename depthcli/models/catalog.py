@@ -74,6 +74,7 @@ MODELS_VARIABLE = "DEPTHCLI_MODELS"
 CARD_NAME = "card.json"
 CARD_SUFFIX = ".card.json"
 _ONNX_SUFFIX = ".onnx"
+_CHECKPOINTS = (".ckpt", ".pt", ".pth")
 
 
 class ModelLocation(NamedTuple):
@@ -178,6 +179,8 @@ def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
     advice = "see 'depthcli models list', or give a path"
     if name in ready_names():
         advice = f"it is a ready card; {how_to_add(ready_card(name), name)}"
+    elif name.endswith(_CHECKPOINTS):
+        advice = "'depthcli export-onnx' makes an ONNX file of a checkpoint of 'depthcli train'"
     raise ModelError(f"no model named {name!r}", advice)
 
 

@@ -13,7 +13,7 @@ from av.video.stream import VideoStream
 from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, Message, UsageError
-from depthcli.io.marks import LABEL_PREFIX
+from depthcli.io.marks import COMMENT_PREFIX, LABEL_PREFIX
 from depthcli.video import frames as clock
 from depthcli.video.container import InputPipe, LiveStream, open_video, pipe_advice, video_streams
 from depthcli.video.converter import FrameConverter
@@ -55,6 +55,7 @@ class VideoSource(clock.FrameSource):
 
     width: int  #: columns of an upright frame
     height: int  #: rows of an upright frame
+    is_own: bool  #: whether depthcli wrote it: depth, or its preview
     is_own_depth: bool  #: whether it is depth that depthcli wrote
     frames_stated = None
 
@@ -84,7 +85,9 @@ class VideoSource(clock.FrameSource):
         self.paths = () if self._path is None else (self._path,)
         self._container, chosen = open_video(self._source, stream)
         self._is_closed = False
-        self.is_own_depth = any(name.startswith(LABEL_PREFIX) for name in self._container.metadata)
+        tags = self._container.metadata
+        self.is_own_depth = any(name.startswith(LABEL_PREFIX) for name in tags)
+        self.is_own = self.is_own_depth or any(t.startswith(COMMENT_PREFIX) for t in tags.values())
         check_pixel_count(str(source), chosen.width, chosen.height, max_pixels)
         rate = _stated_rate(self._container, chosen)
         if rate is None:
@@ -232,7 +235,7 @@ def open_frames(
     """Open a video, a live stream, or a sequence: a folder, or a pattern (``plate.%04d.exr``).
 
     ``rate`` is frames a second of a sequence; None for what it states. InputError if it cannot be
-    read, or is depth that depthcli wrote; UsageError if a folder holds several sequences.
+    read, or depthcli wrote it; UsageError if a folder holds several sequences.
     """
     if isinstance(source, LiveStream):
         from depthcli.video.live_source import LiveSource  # noqa: PLC0415 - a file needs none
@@ -243,8 +246,8 @@ def open_frames(
 
         return ImageSequence(source, rate=rate, max_pixels=max_pixels, options=options)
     video = VideoSource(source, max_pixels=max_pixels, stream=stream, options=options)
-    if video.is_own_depth:
+    if video.is_own:
         video.close()
-        problem = f"{source} is depth that depthcli wrote"
+        problem = f"{source} was written by depthcli"
         raise InputError(problem, "name the video that it was made of")
     return video

@@ -10,7 +10,7 @@ import pytest
 from helpers.command_line import Cli
 from helpers.folders import contents, image, printed, rows, tree
 from helpers.tiny import synthetic_image, write_image
-from helpers.videos import flat_frames, write_video
+from helpers.videos import flat_frames, write_preview_video, write_video
 
 from depthcli.cli.app import main
 from depthcli.core.types import Frame
@@ -211,11 +211,13 @@ def test_its_own_outputs_are_no_inputs(inside: Cli) -> None:
     tree(inside, "a.png")
     image(inside, "b.preview.png", synthetic_image())  # another program's
     assert inside("predict", "in/a.png").returncode == 0
+    inside("predict", "in/a.png", "-o", "in/a.exr.png", "--format", "png16", code=0)
     for name in ("clip.depth.mkv", "clip.preview.mp4"):
         (inside.folder / "in" / name).touch()
+    write_preview_video(inside.folder / "in" / "a.mp4", [np.ones((16, 16), np.float32)])
     done = inside("batch", "in", "--out", "in/out", code=0)
     assert rows(inside, "in/out").keys() == {"a.png", "b.preview.png"}
-    assert b"2 of 2 inputs done, 4 files skipped (4 written by depthcli)" in done.stdout
+    assert b"2 of 2 inputs done, 6 files skipped (6 written by depthcli)" in done.stdout
     names = sorted(contents(inside, "in"))
     listed = inside(
         "batch", "in", "--out", "elsewhere", "--files", "-", stdin="\n".join(names).encode()

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,18 @@ def test_without_the_variable_models_lie_in_the_data_folder(inside: Cli, downloa
     listed = inside("models", "list", **places).stdout.decode()
     assert "midas-small\t" in listed
     assert "default\t" in listed
+
+
+def test_without_home_and_account_nothing_is_kept(
+    inside: Cli, download: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr(os, "getuid", lambda: 2**31 - 9)  # as of a user in a container
+    places = {"DEPTHCLI_MODELS": "", "XDG_DATA_HOME": ""}
+    inside("models", "list", **places, code=0)
+    refused = inside("models", "add", download, "--card", "midas-small", **places)
+    assert (refused.returncode, refused.stderr.count(b"\n")) == (1, 1)
+    assert not (inside.folder / "~").exists()
 
 
 def test_the_ready_cards_ship_in_the_wheel(inside: Cli) -> None:

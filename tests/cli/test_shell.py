@@ -83,7 +83,7 @@ def test_every_command_is_there_and_every_option_has_help(name: str) -> None:
         (("predict",), "IMG..."),
         (("predict", "--nonsense", "a.jpg"), "no such option"),
         (("predict", "a.jpg", "--threads", "0"), "--threads"),
-        (("predict", "a.jpg", "--format", "gif"), "--format"),
+        (("predict", "a.jpg", "--format", "png"), "did you mean 'png16'?"),
         (("models", "nonsense"), "nonsense"),
     ],
 )

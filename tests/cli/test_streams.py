@@ -72,6 +72,16 @@ def test_the_exit_code_does_not_depend_on_standard_error(
     assert done.returncode == code
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are Linux's")
+def test_too_little_memory_is_no_crash(cli: Cli) -> None:
+    """OpenBLAS could not start its threads, and ended the process by a signal."""
+    write_image(cli.folder / "a.png")
+    line = f"ulimit -v 480000; {shlex.join(cli.command('info', 'a.png'))}"
+    environment = unmeasured(cli.environment)
+    done = subprocess.run(["bash", "-c", line], cwd=cli.folder, env=environment, check=False)
+    assert done.returncode in {1, 3}
+
+
 @pytest.mark.parametrize("words", ["-o -", "-o out/ --json"])
 def test_a_disk_that_gets_full_is_an_error_without_buffers(cli: Cli, words: str) -> None:
     """Containers set PYTHONUNBUFFERED, where Python lost the rest (python/cpython#86210)."""

@@ -170,6 +170,11 @@ def test_an_onnx_file_without_a_card_is_refused(tmp_path: Path) -> None:
         catalog.find_model(tmp_path / "m.onnx")
 
 
+def test_a_checkpoint_is_told_from_a_model() -> None:
+    with pytest.raises(ModelError, match="export-onnx"):
+        catalog.find_model("last.ckpt")
+
+
 def test_a_card_without_its_file_is_refused(model_folder: Path) -> None:
     (model_folder / "model.onnx").unlink()
     with pytest.raises(ModelError):

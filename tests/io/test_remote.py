@@ -252,6 +252,7 @@ def plain_server() -> Iterator[tuple[str, list[str]]]:
             is_signed = "signed" if "authorization" in self.headers else "open"
             asked.append(f"{self.command} {self.path.partition('?')[0]} {is_signed}")
             places = {"/moved": "/there?signature=x", "/inside": f"http://localhost:{port}/x"}
+            places["/ftp"] = "ftp://127.0.0.1/x"
             start = int((self.headers.get("Range") or "bytes=0-")[6:].split("-")[0])
             if self.path in places:
                 self.send_response(302)
@@ -335,9 +336,10 @@ def test_redirect_to_a_private_address_is_refused_unless_named(
     plain_server: tuple[str, list[str]],
 ) -> None:
     server, asked = plain_server
-    with pytest.raises(InputError):
-        read_bytes(remote(f"{server}/inside"))
-    assert asked == ["GET /inside open"]
+    for place, problem in (("inside", "private address"), ("ftp", "ftp://")):
+        with pytest.raises(InputError, match=problem):
+            read_bytes(remote(f"{server}/{place}"))
+    assert asked == ["GET /inside open", "GET /ftp open"]
     named = server.replace("127.0.0.1", "localhost")
     assert read_bytes(remote(f"{named}/inside")) == b"hello"
 

@@ -232,7 +232,7 @@ def test_list_of_paths_may_have_columns_of_bytes(inside: Cli) -> None:
 def test_several_columns_of_images_need_a_name(inside: Cli) -> None:
     table = pa.table({name: pa.array([png(1)], pa.binary()) for name in ("left", "right")})
     pq.write_table(table, inside.folder / "p.parquet")
-    assert inside("batch", "p.parquet", "--out", "out").returncode == 2
+    assert b"--column" in inside("batch", "p.parquet", "--out", "out", code=1).stderr
     assert inside("batch", "p.parquet", "--out", "out", "--column", "left").returncode == 0
 
 
@@ -247,6 +247,12 @@ def test_folder_of_shards_alone_is_read_and_its_tree_is_kept(inside: Cli) -> Non
     assert inside("batch", "in", "-o", "in/one").returncode == 0
     assert inside("batch", "in", "-o", "in/two").returncode == 0
     assert rows(inside, "in/two").keys() == {"train/0.tar", "1.tar"}
+    pq.write_table(pa.table({"width": [1]}), inside.folder / "in" / "facts.parquet")
+    (inside.folder / "in" / "cut.parquet").write_bytes(b"PAR1")
+    inside("batch", "in", "-o", "again", code=1)
+    results = {name: row["status"] for name, row in rows(inside, "again").items()}
+    good = {"1.tar": "ok", "train/0.tar": "ok"}
+    assert results == {"facts.parquet": "failed", "cut.parquet": "failed", **good}
     (inside.folder / "in" / "a.png").write_bytes(png(3))
     assert inside("batch", "in", "-o", "other").returncode == 0
     assert rows(inside, "other").keys() == {"a.png"}

@@ -59,17 +59,22 @@ def test_onnxruntime_add_ons_do_not_clash(tmp_path: Path, monkeypatch: pytest.Mo
     assert by_name(check_conflicts())["onnxruntime packages"].status == "ok"
 
 
-def test_only_required_packages_are_reported_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_packages_are_compared_with_what_is_required(monkeypatch: pytest.MonkeyPatch) -> None:
+    versions = {"numpy": "1.26.4", "rich": "99.0", "torch": "1.0"}
+
     def version(package: str) -> str:
-        if package in ("torch", "av", "deflate"):
-            raise importlib.metadata.PackageNotFoundError
-        return "1.2.3"
+        if package in versions:
+            return versions[package]
+        raise importlib.metadata.PackageNotFoundError
 
     monkeypatch.setattr(importlib.metadata, "version", version)
     found = by_name(check_versions())
-    assert found["numpy"] == Check("numpy", "ok", "1.2.3")
+    assert found["numpy"].status == "failed"
+    assert found["numpy"].detail.endswith("pip install 'numpy>=2.0'")
+    assert found["rich"] == Check("rich", "ok", "99.0")
     assert found["av"] == Check("av", "warning", "not installed under this name")
-    assert not {"torch", "deflate"} & set(found)
+    assert found["torch"].status == "warning"
+    assert "timm" not in found
     assert found["Python"].detail == platform.python_version()
 
 

@@ -15,7 +15,10 @@ from helpers.tiny import synthetic_image, write_model
 
 import depthcli
 from depthcli.core.camera import Intrinsics
+from depthcli.core.types import DepthKind, DepthMap
+from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.formats.table import Format
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
@@ -116,3 +119,17 @@ def test_each_door_writes_the_bytes_of_predict_and_gives_its_warnings(
     assert len(result.warnings) == len(expected.warnings) == 2
     for part in (DARK, UNSCALED):
         assert all(any(part in text for text in each.warnings) for each in results)
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_no_door_makes_depth_of_depth(
+    door: Callable[[Path, SessionLoader, Path], Result], tmp_path: Path
+) -> None:
+    """``predict a.jpg -o depth.png`` and ``batch`` made depth.depth.png."""
+    loader = SessionLoader(write_model(tmp_path / "plain"), "cpu", threads=1)
+    image = tmp_path / "in" / "a.png"
+    image.parent.mkdir()
+    Png16Writer().write(DepthMap(np.ones((24, 32), np.float32), DepthKind.METRIC), image)
+    with pytest.raises((InputError, FileNotFoundError, IndexError)):  # or no output is there
+        door(image, loader, tmp_path / "out")
+    assert not [*tmp_path.rglob("*.npy")]

@@ -36,7 +36,7 @@ from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import PreviewCodec
 from depthcli.video.frames import Point, Span, Timing, exact_rate, rate_text
 from depthcli.video.outputs import PreviewVideoOutput
-from depthcli.video.source import VideoSource
+from depthcli.video.source import VideoSource, open_frames
 
 RATES = [
     *(Fraction(n * 1000, 1001) for n in (24, 30, 60)),
@@ -498,6 +498,8 @@ def test_previews_of_every_codec(
         told = container.metadata
     assert told.get("comment", told.get("COMMENT")) == f"written by depthcli {__version__}"
     assert is_own(path)
+    with pytest.raises(InputError, match="written by depthcli"):
+        open_frames(path)
     with VideoSource(path) as source:
         frames = list(source.frames())
     assert [f.timestamp_s for f in frames] == [float(i / NTSC) for i in range(12)]

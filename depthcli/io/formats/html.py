@@ -46,7 +46,7 @@ class HtmlWriter(SurfaceWriter):
         name = frame.path.name if frame and frame.path else "Depth"
         parts = {
             "software": SOFTWARE,
-            "title": html.escape(name),
+            "title": html.escape(name.encode("utf-8", "replace").decode()),  # of any bytes
             "three": _module("three.module.min.js"),
             "orbit": _module("OrbitControls.js"),
             "script": (_HERE / "page.js").read_text("utf-8"),

@@ -43,7 +43,7 @@ from depthcli.io.images.pixels import (
 )
 from depthcli.io.images.png import SIGNATURE
 from depthcli.io.images.tiff import EXIF_IFD, TIFF_STARTS, Exif, parse_exif, profile_warning
-from depthcli.io.marks import EXR_MARK
+from depthcli.io.marks import SOFTWARE_KEY
 from depthcli.io.media import CAMERA_RAW, EXR_MAGIC, is_video
 from depthcli.io.storage.paths import path_of, read_bytes
 
@@ -198,7 +198,7 @@ def read_image(
 
     Raises:
         InputError: missing, empty, truncated, damaged, not an image, too large, float with
-            another range than [0, 1], or an EXR that depthcli wrote or without this layer.
+            another range than [0, 1], written by depthcli, or an EXR without this layer.
         UsageError: a level is not a whole number of 16 bits, black is not below white, or the
             exposure is not from -20 to 20.
     """
@@ -214,9 +214,9 @@ def read_image(
     if eye is not None:
         with reader_errors(name):
             data = jpeg.image_of_eye(data, eye)
+    if data.startswith((EXR_MAGIC, SIGNATURE, b"P5")) and SOFTWARE_KEY.encode() in data[:4096]:
+        raise InputError(f"{name} was written by depthcli", "name the image that it was made of")
     if data.startswith(EXR_MAGIC):
-        if EXR_MARK in data[:4096]:
-            raise InputError(f"{name} was written by depthcli", "'depthcli convert' reads it")
         options = ReadOptions(exposure=exposure, layer=layer, projection=projection)
         frame = read_exr_image(data, name=name, max_pixels=max_pixels, options=options)
         return replace(frame, path=path)

@@ -110,7 +110,7 @@ def list_folder(
 ) -> Listing:
     """Walk a tree, depth first; links to folders are followed, loops are not.
 
-    Files are not opened, except PNGs named like outputs.
+    Only files that depthcli may have written are opened, for their first bytes.
 
     Args:
         root: the folder, which may be in a store.

@@ -34,7 +34,9 @@ class _Redirects(HTTPRedirectHandler):
 
     def redirect_request(self, req: Request, *words: Any) -> Request | None:  # noqa: ANN401
         """Make the next request."""
-        host = urlsplit(words[-1]).hostname or ""
+        scheme, host = urlsplit(words[-1]).scheme, urlsplit(words[-1]).hostname or ""
+        if scheme not in {"http", "https"}:
+            raise OSError(errno.EACCES, f"it leads to {scheme}://, which is not read")
         if host != (req.origin_req_host or "") and _is_private(host):
             raise OSError(errno.EACCES, f"it leads to the private address {host}; name that itself")
         return super().redirect_request(req, *words)

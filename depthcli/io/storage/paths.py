@@ -9,7 +9,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 from urllib.parse import unquote, urlsplit
 
 from depthcli.core.progress import NO_PROGRESS, Progress
@@ -147,16 +147,23 @@ _PROGRAM = "depthcli"
 
 def data_folder() -> Path:
     """The platform's folder for an application's data: models."""
-    from platformdirs import user_data_path  # noqa: PLC0415 - takes 10 ms
-
-    return user_data_path(_PROGRAM, appauthor=False)
+    return _user_folder("data")
 
 
 def config_folder() -> Path:
     """The platform's folder for an application's settings: profiles and cameras."""
-    from platformdirs import user_config_path  # noqa: PLC0415 - takes 10 ms
+    return _user_folder("config")
 
-    return user_config_path(_PROGRAM, appauthor=False, roaming=True)
+
+def _user_folder(kind: Literal["data", "config"]) -> Path:
+    from platformdirs import PlatformDirs  # noqa: PLC0415 - takes 10 ms
+
+    folders = PlatformDirs(_PROGRAM, appauthor=False, roaming=kind == "config")
+    try:
+        path = folders.user_data_path if kind == "data" else folders.user_config_path
+    except RuntimeError:  # of a container without HOME and account: nothing is kept
+        path = Path()
+    return path if path.is_absolute() else Path(os.devnull, _PROGRAM)
 
 
 SHA256_KEY = "sha256"

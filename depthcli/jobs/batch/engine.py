@@ -16,7 +16,13 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import TYPE_CHECKING, Protocol, Self
 
-from depthcli.core.parallel import Background, one_thread_each, ordered_map, start_worker
+from depthcli.core.parallel import (
+    Background,
+    one_thread_each,
+    ordered_map,
+    start_worker,
+    without_interrupts,
+)
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import EngineError
 from depthcli.inference.session import Session
@@ -112,7 +118,8 @@ class WorkerProcesses:
             pipes = [context.Pipe() for _ in range(i, workers, count)]
             theirs = [end for _, end in pipes]
             process = context.Process(target=_serve, args=(spec, theirs), daemon=True)
-            process.start()
+            with without_interrupts():
+                process.start()
             self._processes.append(process)
             for end in theirs:
                 end.close()  # so that the other end tells when the process has ended

@@ -14,6 +14,7 @@ from torch import nn
 
 from depthcli.core.validation import FieldError, merged, validated
 from depthcli.errors import CheckpointError, OutputError, TrainingError, UsageError
+from depthcli.io.storage.paths import regular_size
 from depthcli.io.storage.temporary import temporary_beside
 from depthcli.lab.options import Weights
 from depthcli.lab.training.config import TrainConfig, check_config
@@ -67,6 +68,7 @@ class Checkpoint:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # torch warns of files in other formats
+                regular_size(path)  # torch would wait for a pipe
                 content = torch.load(path, map_location="cpu", weights_only=True)
         except FileNotFoundError:
             raise CheckpointError(f"no checkpoint at {path}") from None

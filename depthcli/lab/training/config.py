@@ -31,6 +31,7 @@ _Pattern: TypeAlias = Literal["uniform", "lidar", "camera", "corners"]
 Precision: TypeAlias = Literal["32-true", "bf16-mixed", "16-mixed"]
 Count: TypeAlias = Annotated[int, Rule("a whole number from 0 up", lambda n: n >= 0)]
 Positive: TypeAlias = Annotated[int, Rule("a whole number from 1 up", lambda n: n >= 1)]
+Layers: TypeAlias = Annotated[int, Rule("a whole number from 1 to 999", lambda n: 0 < n < 1000)]
 Seed: TypeAlias = Annotated[
     int, Rule(f"a whole number from 0 to {2**32 - 1}", lambda n: 0 <= n < 2**32)
 ]  # as NumPy takes it
@@ -56,7 +57,7 @@ class GeneratorConfig:
     #: ``resnet`` is the paper's, ``efficient`` the one that ships, ``encoder`` has one of timm
     name: Literal["resnet", "efficient", "encoder"] = "resnet"
     width: Positive = 64  #: channels of the first layer of ``resnet``
-    blocks: Positive = 9  #: residual blocks of ``resnet``
+    blocks: Layers = 9  #: residual blocks of ``resnet``
     residual: Literal["none", "stem", "input"] = "stem"  #: final connection of ``resnet``
     antialias: bool = False  #: blur when ``resnet`` changes resolution (the CUT family)
     #: channels of ``efficient`` at strides 2, 4, 8, 16, 32; of ``encoder``, its name in timm
@@ -64,7 +65,7 @@ class GeneratorConfig:
     #: channels of ``efficient`` and ``encoder`` at strides 16, 8, 4, 2
     decoder: tuple[Positive, ...] = (128, 96, 64, 48)
     #: residual blocks of ``efficient`` at strides 4, 8, 16, 32
-    depths: tuple[Positive, ...] = (2, 2, 2, 2)
+    depths: tuple[Layers, ...] = (2, 2, 2, 2)
     dropout: Share = 0.0  #: share of bottleneck channels of ``efficient`` dropped while training
     #: of ``efficient`` and ``encoder``: ``batch``, also of depth maps for identity, cycle or
     #: contrast; ``none`` to start from an exported model, where it is folded; ``decoder`` to fold

@@ -7,13 +7,13 @@ from functools import reduce
 from pathlib import Path
 from typing import Any
 
-from depthcli.core.options import short_repr
+from depthcli.core.options import short_repr, suggestion
 from depthcli.errors import UsageError
 from depthcli.io.storage.paths import read_regular
 from depthcli.lab.training.checkpoint import CHECKPOINT, saved_checkpoint
 from depthcli.lab.training.config import TrainConfig, check_config, updated
 from depthcli.lab.training.init_weights import settings_of
-from depthcli.lab.training.methods.registry import check_terms, choice, default_config
+from depthcli.lab.training.methods.registry import check_terms, default_config
 from depthcli.lab.training.methods.table import PRESETS
 from depthcli.lab.training.provenance import config_differences, mismatch_error
 
@@ -38,7 +38,8 @@ def resolve_config(
     if usual.generator.prompt and init is not None:
         usual = updated(usual, settings_of(init))
     if preset and preset not in PRESETS:
-        raise UsageError(f"no preset '{preset}'; {choice(preset, PRESETS)}")
+        advice = suggestion(preset, PRESETS, f"choose from {', '.join(PRESETS)}")
+        raise UsageError(f"no preset '{preset}'", advice)
     if preset and PRESETS[preset] not in ("", method):
         raise UsageError(f"the preset {preset} is for the method {PRESETS[preset]}, not {method}")
     files = [PRESET_FOLDER / f"{preset}.toml", *files] if preset else files

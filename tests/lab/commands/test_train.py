@@ -111,6 +111,7 @@ def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> Non
         (("proposed", "--preset", "papre"), "did you mean 'paper'?"),
         (("proposed", "--lr", "1"), "give --set optim.learning_rate=X"),
         (("proposed", "--epochs", "1"), "give --set optim.epochs_constant=N"),
+        (("propsed", "--data", "data"), "no method 'propsed'; did you mean 'proposed'?"),
         (("proposed",), "--data"),
         (("proposed", "--preset", "huge"), "no preset 'huge'"),
         (("proposed", "--set", "optim.speed=1"), "optim.speed is unknown"),

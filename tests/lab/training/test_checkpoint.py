@@ -110,9 +110,10 @@ def test_truncated_checkpoint_is_refused(tmp_path: Path, share: float) -> None:
 def test_foreign_files_are_refused(tmp_path: Path, content: object) -> None:
     torch.save(content, tmp_path / "a.ckpt")
     (tmp_path / "b.ckpt").write_bytes(b"hello, world\n" * 50)
-    for path in (tmp_path / "a.ckpt", tmp_path / "b.ckpt", tmp_path / "none.ckpt", tmp_path):
+    os.mkfifo(tmp_path / "pipe.ckpt")
+    for name in ("a.ckpt", "b.ckpt", "none.ckpt", "pipe.ckpt", ""):
         with pytest.raises(CheckpointError):
-            Checkpoint.load(path)
+            Checkpoint.load(tmp_path / name)
 
 
 @pytest.mark.parametrize(
@@ -121,6 +122,7 @@ def test_foreign_files_are_refused(tmp_path: Path, content: object) -> None:
         ("version", 1),
         ("version", 99),
         ("config", {"no_such": 1}),
+        ("config", {"generator": {"blocks": 10_000_000}}),  # all memory would be taken
         ("config", {"output": {"min_m": 9.0, "max_m": 1.0}}),
         ("state", {"step": -1}),
         ("state", {"scores": [1]}),

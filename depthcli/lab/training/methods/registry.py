@@ -1,11 +1,10 @@
 """The class and the default configuration of each method."""
 
 import tomllib
-from collections.abc import Collection
-from difflib import get_close_matches
 from pathlib import Path
 from pkgutil import resolve_name
 
+from depthcli.core.options import suggestion
 from depthcli.errors import UsageError
 from depthcli.lab.training.config import TERMS, TrainConfig, updated
 from depthcli.lab.training.methods.base import Method
@@ -21,15 +20,9 @@ def method_class(name: str) -> type[Method]:
         return resolve_name(f"depthcli.lab.training.methods.{METHODS[name]}")  # type: ignore[no-any-return]
     kind = imported(name) if ":" in name else None
     if not (isinstance(kind, type) and issubclass(kind, Method)):
-        names = (*METHODS, "a subclass of Method as module:Class")
-        raise UsageError(f"no method '{name}'; {choice(name, names)}")
+        advice = f"choose from {', '.join(METHODS)}, or name a subclass of Method as module:Class"
+        raise UsageError(f"no method '{name}'", suggestion(name, METHODS, advice))
     return kind
-
-
-def choice(name: str, names: Collection[str]) -> str:
-    """Advice for an unknown name: a similar one, or all."""
-    close = get_close_matches(name, names, n=1)
-    return f"did you mean '{close[0]}'?" if close else f"choose from {', '.join(names)}"
 
 
 def default_config(method: str) -> TrainConfig:
