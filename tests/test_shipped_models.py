@@ -139,18 +139,18 @@ def test_sees_the_rendered_room(model: str) -> None:
 def test_readme_states_how_far_its_room_is_off() -> None:
     text = " ".join((ROOT / "README.md").read_text().split())
     said = re.search(
-        r"room.jpg, which is rendered, is ([\d.]+) m, and the model estimates ([\d.]+) m\."
-        r".* \(`--anchor (\S+) --anchor (\S+)`\) it estimates ([\d.]+) m",
+        r"true median depth is ([\d.]+) m: the model estimates ([\d.]+) m, and ([\d.]+) m with two "
+        r"known distances \(`--anchor (\S+) --anchor (\S+)`\)",
         text,
     )
     assert said
     depth, true_m = _depth("default"), _true_m()
-    words = [said[i].split(",") for i in (3, 4)]
+    words = [said[i].split(",") for i in (4, 5)]
     points = [Anchor(int(x), int(y), float(depth_m)) for x, y, depth_m in words]
     fitted = depthcli.load_model(provider="cpu").predict(ROOT / "docs/room.jpg", anchors=points)
     assert fitted.model == "prompted"  # as of the command
     found_m = [np.median(true_m), np.median(depth.values), np.median(fitted.values)]
-    assert found_m == pytest.approx([float(said[i]) for i in (1, 2, 5)], abs=0.03)
+    assert found_m == pytest.approx([float(said[i]) for i in (1, 2, 3)], abs=0.03)
     for point in points:
         assert true_m[point.y, point.x] == pytest.approx(point.depth_m, abs=0.01)
 
