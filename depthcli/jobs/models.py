@@ -19,8 +19,8 @@ from depthcli.inference.trial import try_other_size, try_session
 from depthcli.io.storage import atomic, paths
 from depthcli.io.storage.temporary import open_locked
 from depthcli.models import catalog
-from depthcli.models.card import METADATA_KEY, ModelCard, WeightsSpec, fit_to_graph
-from depthcli.models.catalog import Model, ModelLocation, file_of_card, find_model, location_at
+from depthcli.models.card import METADATA_KEY, DataFile, ModelCard, WeightsSpec, fit_to_graph
+from depthcli.models.catalog import Model, ModelLocation, files_of_card, find_model, location_at
 from depthcli.models.onnx_file import OnnxFacts
 
 _NAME = re.compile(r"(?!.*\.onnx$)[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -78,7 +78,7 @@ def remove_model(name: str) -> Path:
 
 def _check_only_model(folder: Path, advice: str) -> None:
     """Check that replacing or removing a folder loses nothing but a model, such as a checkpoint."""
-    of_model = {catalog.CARD_NAME, file_of_card(folder / catalog.CARD_NAME)}
+    of_model = {catalog.CARD_NAME, *files_of_card(folder / catalog.CARD_NAME)}
     others = [
         name
         for name in sorted(path.name for path in folder.iterdir())
@@ -219,12 +219,13 @@ def _install(
     path: Path, card: str | None, *, name: str | None, force: bool, sha256: str | None
 ) -> Model:
     (size, checksum), facts = catalog.checksum(path), catalog.onnx_facts(path)
+    data = _data_files(path, facts)
     if sha256 is not None and checksum != sha256.lower():
         raise ModelError(f"{path} is another file: its sha256 is {checksum}; it is not added")
     draft = _card_draft(path, facts, card)
     complete = _complete_card(draft, facts, name)
     catalog.check_file(complete, path, size, checksum)
-    complete = replace(complete, sha256=checksum, size_bytes=size)
+    complete = replace(complete, sha256=checksum, size_bytes=size, data=data)
     target = folder_to_add(complete.name, force=force)
     if target.is_dir():  # the old one is kept until the new card is in place
         complete = replace(complete, file=f"model-{checksum[:12]}.onnx")
@@ -232,6 +233,8 @@ def _install(
         temporary = work / target.name
         temporary.mkdir()
         shutil.copyfile(path, temporary / (complete.file or _FILE_NAME))
+        for file in data:
+            shutil.copyfile(path.with_name(file.file), temporary / file.file)
         (temporary / catalog.CARD_NAME).write_text(complete.to_json(), "utf-8")
         model = replace(find_model(temporary), path=path)  # the name in messages
         session = Session(model, provider="cpu")
@@ -250,6 +253,16 @@ def _install(
         (temporary / catalog.CARD_NAME).write_text(fitted.to_json(), "utf-8")
         atomic.replace_folder(temporary, target, last=catalog.CARD_NAME)
     return find_model(target)
+
+
+def _data_files(path: Path, facts: OnnxFacts) -> tuple[DataFile, ...]:
+    """The files beside an ONNX file with the rest of its weights; ModelError if one is missing."""
+    names = sorted(facts.external)
+    for name in names:
+        if not name or name != Path(name).name:
+            raise ModelError(f"{path} keeps weights in {name!r}, which is not a file beside it")
+    sums = [(name, *catalog.checksum(path.with_name(name))) for name in names]
+    return tuple(DataFile(name, sha256, size) for name, size, sha256 in sums)
 
 
 def _card_draft(path: Path, facts: OnnxFacts, card: str | None) -> CardDraft:

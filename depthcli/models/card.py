@@ -288,6 +288,15 @@ _ModelName: TypeAlias = Annotated[
 
 
 @dataclass(frozen=True, slots=True)
+class DataFile:
+    """A file beside an ONNX file, with weights that are not inside it."""
+
+    file: _FileName  #: its name, as the ONNX file states it
+    sha256: _Sha256  #: its checksum, 64 hex digits
+    size_bytes: Count  #: its size (``bytes`` in JSON)
+
+
+@dataclass(frozen=True, slots=True)
 class ModelCard:
     """One model, as written in its ``card.json`` or inside its ONNX file.
 
@@ -303,6 +312,7 @@ class ModelCard:
         file: name of the ONNX file beside the card; None in an embedded card.
         sha256: checksum of that file, 64 hex digits; None in an embedded card.
         size_bytes: size of that file (``bytes`` in JSON); None in an embedded card.
+        data: the files with weights that are not inside that file.
         float_model: the same network in floats, which replaces this one on other providers than
             the CPU; None if there is none.
         weights: where the weights are published; None if the card does not say.
@@ -324,6 +334,7 @@ class ModelCard:
     file: _FileName | None = None
     sha256: _Sha256 | None = None
     size_bytes: Count | None = None
+    data: tuple[DataFile, ...] = ()
     float_model: _ModelName | None = None
     weights: WeightsSpec | None = None
     verification: Verification | None = None
@@ -344,7 +355,9 @@ class ModelCard:
                     f"has schema {short_repr(schema)}, this depthcli reads {SCHEMA}: upgrade it"
                 )
                 raise FieldError(problem)  # noqa: TRY301 - as those of its fields
-            for file in (parsed, parsed.get("weights")):
+            others = parsed.get("data")
+            others = others if isinstance(others, list) else []
+            for file in (parsed, parsed.get("weights"), *others):
                 _read_file_facts(file)
             card = validated(cls, parsed)
             _check_input(card.input)
@@ -379,7 +392,7 @@ def _stated(record: Any) -> dict[str, Any]:  # noqa: ANN401 - any of the datacla
     return {
         "bytes" if name == "size_bytes" else name: _stated(value)
         if is_dataclass(value)
-        else list(value)
+        else [_stated(item) if is_dataclass(item) else item for item in value]
         if isinstance(value, tuple)
         else value
         for name, value in values.items()

@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 import shlex
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
@@ -21,7 +21,7 @@ from depthcli.io.storage.paths import (
     regular_size,
     safe_name,
 )
-from depthcli.models.card import METADATA_KEY, ModelCard
+from depthcli.models.card import METADATA_KEY, DataFile, ModelCard
 from depthcli.models.onnx_file import OnnxFacts, read_facts
 
 FOLDER = Path(__file__).parent / "cards"
@@ -130,7 +130,7 @@ def location_at(path: Path) -> ModelLocation | None:
         if beside.is_file():
             return ModelLocation(onnx=path, card=beside)
         shared = path.with_name(CARD_NAME)
-        is_own = shared.is_file() and file_of_card(shared) == path.name
+        is_own = shared.is_file() and files_of_card(shared)[:1] == [path.name]
         return ModelLocation(onnx=path, card=shared if is_own else None)
     return None
 
@@ -200,8 +200,11 @@ def read_model(location: ModelLocation) -> Model:
     size, sha256 = (len(data), hashlib.sha256(data).hexdigest()) if data else checksum(path)
     if card:
         check_file(card, path, size, sha256)
+        for file in card.data:
+            check_file(file, path.with_name(file.file), *checksum(path.with_name(file.file)))
     if card is None or card.sha256 is None:  # else it is the file that its card was made for
         facts = onnx_facts(path, data)
+        check_external(facts, [file.file for file in card.data] if card else (), path)
     if card is None:
         embedded = facts.metadata.get(METADATA_KEY)
         if embedded is None:
@@ -217,8 +220,8 @@ def checksum(path: Path) -> tuple[int, str]:
     """Size and SHA-256 of a local model file, which may be larger than the memory."""
     with os_errors_as(ModelError, f"cannot read {path}"):
         size = regular_size(path)
-    if size > MAX_BYTES:
-        raise ModelError(f"{path} is larger than a model can be")
+    if size > MAX_BYTES and path.suffix == _ONNX_SUFFIX:
+        raise ModelError(f"{path} is larger than a model can be; keep its weights in a second file")
     with os_errors_as(ModelError, f"cannot read {path}"), path.open("rb") as file:
         return size, hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -234,14 +237,16 @@ def onnx_facts(path: Path, data: bytes | None = None) -> OnnxFacts:
         return read_facts(b"", str(path))
 
 
-def file_of_card(card: Path) -> str | None:
-    """Name of the ONNX file that a card states; None if it cannot be read, or states none."""
+def files_of_card(card: Path) -> list[str]:
+    """Names of the files that a card states, first the ONNX file; none if it cannot be read."""
     try:
         fields = validated(dict[str, Any], parsed_json(read_limited(card)))
     except (ModelError, FieldError):
-        return None
-    file = fields.get("file")
-    return file if isinstance(file, str) else None
+        return []
+    others = fields.get("data")
+    entries = [fields, *(others if isinstance(others, list) else [])]
+    files = (entry.get("file") for entry in entries if isinstance(entry, dict))
+    return [file for file in files if isinstance(file, str)]
 
 
 def unused_card(path: Path) -> str:
@@ -249,8 +254,8 @@ def unused_card(path: Path) -> str:
     card = path.with_name(CARD_NAME)
     if not card.is_file():
         return ""
-    named = file_of_card(card)
-    return f", and {card} " + (f"is that of {named}" if named else "names no file")
+    named = files_of_card(card)
+    return f", and {card} " + (f"is that of {named[0]}" if named else "names no file")
 
 
 def read_limited(path: Path, max_bytes: int = _MAX_CARD_BYTES) -> bytes:
@@ -259,7 +264,20 @@ def read_limited(path: Path, max_bytes: int = _MAX_CARD_BYTES) -> bytes:
         return read_regular(path, max_bytes)
 
 
-def check_file(card: ModelCard, path: Path, size: int, sha256: str) -> None:
+def check_external(facts: OnnxFacts, names: Collection[str], path: Path) -> None:
+    """Check that an ONNX file has no weights in other files than these, whose checksums are known.
+
+    ModelError otherwise.
+    """
+    if not facts.external <= set(names):
+        raise ModelError(
+            f"{path} keeps weights in a second file, which no checksum covers; 'depthcli models "
+            "add' completes its card, or save both as one, with onnx.save(onnx.load('IN.onnx'), "
+            "'OUT.onnx') in Python"
+        )
+
+
+def check_file(card: ModelCard | DataFile, path: Path, size: int, sha256: str) -> None:
     """Compare a file's size in bytes and SHA-256 in hex with those in its card, if it has them."""
     again = "download or export the model again"
     if card.size_bytes is not None and card.size_bytes != size:

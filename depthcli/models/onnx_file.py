@@ -20,6 +20,7 @@ _MAX_VARINT_BITS = 64
 _MAX_KEY_BITS = 32
 _TENSOR = "tensor"
 _EXTERNAL_DATA, _DATA_LOCATION = 13, 14  # of a tensor
+_OTHER_KEYS = {b"offset", b"length", b"checksum"}  # of external data, beside its location
 # Where tensors can be: message -> field -> message.
 _SUBMESSAGES = {
     "model": {_GRAPH: "graph", 20: "training", 25: "function"},
@@ -41,22 +42,18 @@ class OnnxFacts(NamedTuple):
     opset: int  #: version of the standard operators; 0 if it states none
     ir: int  #: version of the format; 0 if it states none
     metadata: dict[str, str]  #: texts by key
+    #: names of the files with weights that are not inside; "" where no name is stated
+    external: frozenset[str] = frozenset()
 
 
 def read_facts(data: Content, where: str) -> OnnxFacts:
-    """The facts of the bytes of an ONNX file with all its weights; messages say ``where``."""
+    """The facts of the bytes of a complete ONNX file; messages say ``where``."""
     try:
-        facts, elsewhere = _facts(data), _has_external_tensor(data)
+        return _facts(data)._replace(external=frozenset(_external_files(data)))
     except (IndexError, ValueError) as error:
         raise ModelError(
             f"{where} is damaged or not an ONNX file; download or export it again"
         ) from error
-    if elsewhere:
-        raise ModelError(
-            f"{where} keeps weights in a second file, which no checksum covers; save it as one, "
-            "with onnx.save(onnx.load('IN.onnx'), 'OUT.onnx') in Python, for example"
-        )
-    return facts
 
 
 def _facts(data: Content) -> OnnxFacts:
@@ -78,20 +75,22 @@ def _facts(data: Content) -> OnnxFacts:
     return OnnxFacts(opset, ir, entries)
 
 
-def _has_external_tensor(data: Content) -> bool:
-    """Whether a tensor anywhere in a model says that its values are in another file."""
+def _external_files(data: Content) -> Iterator[str]:
+    """The file that each tensor anywhere in a model names for its values; "" for one unnamed."""
     messages = [("model", 0, len(data))]
     while messages:
         kind, at, stop = messages.pop()
         submessages = _SUBMESSAGES.get(kind, {})
+        names, is_external = list[str](), False
         for number, start, end in _message_fields(data, at, stop):
             if number in submessages:
                 messages.append((submessages[number], start, end))
-            elif kind == _TENSOR and (
-                number == _EXTERNAL_DATA or (number == _DATA_LOCATION and _varint(data, start)[0])
-            ):
-                return True
-    return False
+            elif kind == _TENSOR and number == _EXTERNAL_DATA:
+                entry = {field: data[a:b] for field, a, b in _message_fields(data, start, end)}
+                names += [entry.get(2, b"").decode()] * (entry.get(1) not in _OTHER_KEYS)
+            elif kind == _TENSOR and number == _DATA_LOCATION:
+                is_external = bool(_varint(data, start)[0])
+        yield from names or [""] * is_external
 
 
 def _message_fields(data: Content, position: int, end: int) -> Iterator[tuple[int, int, int]]:

@@ -332,6 +332,41 @@ def test_incomplete_models_are_not_listed(own: Path) -> None:
     assert not any(name.startswith(".") for name, _ in list_locations())
 
 
+def test_weights_in_a_second_file_have_a_checksum_too(own: Path, tmp_path: Path) -> None:
+    path, options = tmp_path / "big.onnx", {"size_threshold": 0, "convert_attribute": True}
+    model = onnx.load_from_string(tiny_onnx())
+    onnx.save(model, path, save_as_external_data=True, location="big.onnx_data", **options)
+    card = write_card(tmp_path / "c.json")
+    added = add_model(path, card)
+    (data,) = added.card.data
+    assert data.file == "big.onnx_data"
+    assert data.sha256 == hashlib.sha256((tmp_path / data.file).read_bytes()).hexdigest()
+    ((name, outcome),) = verify_models(["tiny"])
+    assert (name, outcome) == ("tiny", find_model("tiny"))
+    add_model(path, card, force=True)  # all of its files are a model's
+    stored = own / "tiny" / data.file
+    stored.write_bytes(stored.read_bytes()[::-1])
+    with pytest.raises(ModelError, match="another checksum"):
+        find_model("tiny")
+    remove_model("tiny")
+    assert not list(own.iterdir())
+    (tmp_path / data.file).unlink()
+    with pytest.raises(ModelError, match=r"big\.onnx_data"):
+        add_model(path, card)
+
+
+@pytest.mark.parametrize("location", ["../secret", "/etc/hostname", "sub/w"])
+@pytest.mark.usefixtures("own")
+def test_weights_outside_the_folder_of_the_model_are_refused(location: str, tmp_path: Path) -> None:
+    model = onnx.load_from_string(tiny_onnx())
+    (tensor,) = model.graph.initializer
+    external_data_helper.set_external_data(tensor, location)
+    tensor.ClearField("raw_data")
+    (tmp_path / "a.onnx").write_bytes(model.SerializeToString())
+    with pytest.raises(ModelError, match="not a file beside it"):
+        add_model(tmp_path / "a.onnx", write_card(tmp_path / "c.json"))
+
+
 def test_opset_and_ir_are_read_from_the_bytes() -> None:
     proto = onnx.load_from_string(tiny_onnx())
     proto.opset_import.append(onnx.helper.make_opsetid("com.microsoft", 1))

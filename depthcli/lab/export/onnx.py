@@ -154,7 +154,7 @@ class ExportResult:
 def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> ExportResult:
     """Export the generator of a checkpoint to an ONNX file, with its card beside it."""
     own_card = card_path(out)
-    if own_card.is_file() and catalog.file_of_card(own_card) != out.name:
+    if own_card.is_file() and catalog.files_of_card(own_card)[:1] != [out.name]:
         raise UsageError(f"{own_card} is not the card of {out.name}; choose another -o")
     generator, saved = load_generator(checkpoint, options.weights)
     model = graph.build_graph(generator, opset=options.opset)
