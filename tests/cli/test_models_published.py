@@ -166,3 +166,15 @@ def test_download_has_a_bar_on_a_terminal(cli: Cli, server: FileServer) -> None:
     assert code == 0
     assert "1/1" in shown
     assert "MB/s" in shown
+
+
+def test_a_mirror_of_the_hub_is_asked_with_the_token(inside: Cli, server: FileServer) -> None:
+    mirror, hub = server.url.rpartition("/")[0], "https://huggingface.co"
+    variables = {"HF_ENDPOINT": mirror, "HF_TOKEN": "secret"}
+    card = write_published(inside, f"{hub}/a/resolve/main/model.onnx", **pinned(server.data))
+    added = inside("models", "add", card, **variables)
+    assert (added.returncode, server.tokens) == (0, ["Bearer secret"])
+    elsewhere = {**variables, "HF_ENDPOINT": f"{mirror}/other"}  # the token is of no other server
+    other = write_published(inside, server.url, **pinned(server.data))
+    assert inside("models", "add", other, "--force", **elsewhere).returncode == 0
+    assert server.tokens[1:] == [None]

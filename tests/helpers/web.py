@@ -51,6 +51,7 @@ class FileServer(Server):
         cut_after: bytes after which an answer is cut off; None for whole answers.
         has_ranges: whether it can begin in the middle of the file.
         starts: first byte of each answer.
+        tokens: the header Authorization of each request; None without one.
         shift: bytes by which a part begins after what was asked for.
     """
 
@@ -58,12 +59,13 @@ class FileServer(Server):
         super().__init__("model.onnx")
         self.data, self.has_ranges, self.starts = data, True, list[int]()
         self.cut_after: int | None = None
-        self.shift = 0
+        self.shift, self.tokens = 0, list[str | None]()
 
     def answer(self, request: BaseHTTPRequestHandler) -> None:
         asked = request.headers.get("Range") if self.has_ranges else None
         start = int(asked.removeprefix("bytes=").partition("-")[0]) if asked else 0
         self.starts.append(start)
+        self.tokens.append(request.headers.get("Authorization"))
         rest = self.data[start:]
         request.send_response(206 if asked else 200)
         request.send_header("Content-Length", str(len(rest)))

@@ -1,7 +1,8 @@
-"""Files behind HTTP, read with Python's own client."""
+"""Files behind HTTP, read with Python's own client; those of Hugging Face also from a mirror."""
 
 import errno
 import ipaddress
+import os
 import re
 import socket
 from base64 import b64encode
@@ -16,6 +17,7 @@ from urllib.error import HTTPError, URLError
 from urllib.parse import quote, unquote, urlsplit
 from urllib.request import HTTPRedirectHandler, Request, build_opener
 
+_HUB = "https://huggingface.co"  #: HF_ENDPOINT names a mirror, HF_TOKEN is sent to both alone
 _TIMEOUT_S = 60
 _PART_BYTES = 8 << 20
 _PARTIAL = 206
@@ -91,6 +93,9 @@ def _range_of(answer: Any, start: int) -> tuple[int, int]:  # noqa: ANN401
 
 
 def _opened(url: str, headers: dict[str, str] | None = None, method: str = "GET") -> Any:  # noqa: ANN401
+    hub = os.environ.get("HF_ENDPOINT", _HUB).rstrip("/")
+    if url.startswith(f"{_HUB}/"):
+        url = hub + url.removeprefix(_HUB)
     parts = urlsplit(url)
     path = parts.path if unquote(parts.path) != parts.path else quote(parts.path)
     target = parts._replace(netloc=parts.netloc.rpartition("@")[2], path=path)
@@ -99,6 +104,8 @@ def _opened(url: str, headers: dict[str, str] | None = None, method: str = "GET"
         words = f"{unquote(parts.username)}:{unquote(parts.password or '')}"
         secret = b64encode(words.encode()).decode()
         request.add_unredirected_header("Authorization", f"Basic {secret}")
+    elif (token := os.environ.get("HF_TOKEN")) and url.startswith(f"{hub}/"):
+        request.add_unredirected_header("Authorization", f"Bearer {token}")
     return _OPENER.open(request, timeout=_TIMEOUT_S)
 
 
