@@ -358,7 +358,7 @@ class PreviewVideoOutput(VideoFile):
         """Prepare a file in ``.mp4``, ``.webm`` or ``.mov``, which supports the codec."""
         self._codec, self._writer = codec, writer
         layout = writer.stereo_layout if isinstance(writer, StereoWriter) else ""
-        packing = next((n for word, n in _PACKINGS.items() if layout.endswith(word)), None)
+        packing = _PACKINGS.get(layout.removeprefix("half-"))
         if packing is not None and codec is PreviewCodec.H264:
             self._tags = {"x264-params": f"frame-packing={packing}"}
         super().__init__(target, timing, guard, audio)

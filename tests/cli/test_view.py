@@ -14,7 +14,7 @@ from helpers.videos import flat_frames, write_video
 import depthcli
 from depthcli.core.options import Eye, ReadOptions
 from depthcli.core.types import DepthMap, Frame, Provenance
-from depthcli.video.source import open_frames
+from depthcli.video.source import VideoSource
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_players_and_depthcli_know_the_layout_of_a_stereo_video(
     rows, columns = np.multiply(frames[0].shape[:2], times)
     assert [(frame.height, frame.width) for frame in coded] == [(rows, columns)] * 3
     assert bytes(coded[0].side_data.get(Type.STEREO3D))[:4] == bytes([packing, 0, 0, 0])
-    left = next(open_frames(files / "x.stereo.mp4", options=ReadOptions(eye=Eye.LEFT)).frames())
+    left = next(VideoSource(files / "x.stereo.mp4", options=ReadOptions(eye=Eye.LEFT)).frames())
     assert left.width * left.pixel_aspect / left.height == frames[0].shape[1] / frames[0].shape[0]
     assert left.pixel_aspect == aspect
 

@@ -131,7 +131,7 @@ class SurfaceOptions:
     stride: int = _option("Use only every N-th pixel of every N-th row.", default=1, rule=_STRIDE)
     max_depth_m: float | None = _option("Leave out what is farther, in metres.", rule=POSITIVE)
     keep_edges: bool = _option(
-        "Keep the pixels at edges of depth, which are smeared between near and far.", default=False
+        "Keep pixels and triangles at edges, which are smeared between near and far.", default=False
     )
 
 

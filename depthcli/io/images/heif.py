@@ -103,7 +103,6 @@ def _brands(data: bytes) -> set[bytes]:
 
 
 _EIGHT_BIT = 8
-_GRAY_RANK = 2
 _LIMITED = 1  # FFmpeg's number of the range of video
 _RGB = (3, 4)  # channels, without and with alpha
 _WITH_ALPHA = (2, 4)
@@ -121,11 +120,8 @@ def decode_avif(data: bytes) -> Decoded:
     with suppress(av.FFmpegError), av.open(BytesIO(data), options=limit) as file:
         contexts = [stream.codec_context for stream in file.streams.video]
         if contexts and all(context.pix_fmt for context in contexts):  # none if it is larger
-            decoded = decode_with_opencv(data, has_alpha=True)
             is_limited = contexts[0].color_range == _LIMITED
-            return decoded._replace(
-                has_video_range=is_limited and decoded.pixels.ndim == _GRAY_RANK
-            )
+            return decode_with_opencv(data, has_alpha=True)._replace(is_limited=is_limited)
     raise InputError("is damaged (its pixels are not those that it claims)", "copy it again")
 
 
@@ -159,8 +155,7 @@ def decode_heif(data: bytes) -> Decoded:
     pixels = np.array(colours[..., :3] if channels in _RGB else colours[..., 0], order="C")
     alpha = colours[..., -1] if channels in _WITH_ALPHA else None
     is_limited = image.info.get("nclx_profile", {}).get("full_range_flag") == 0
-    has_video_range = is_limited and pixels.ndim == _GRAY_RANK
-    return Decoded(pixels, image.info.get("exif") or b"", has_video_range, alpha=alpha)
+    return Decoded(pixels, image.info.get("exif") or b"", is_limited, alpha=alpha)
 
 
 def depth_images(data: bytes) -> list[tuple[AnyArray, dict[str, Any]]]:

@@ -41,7 +41,7 @@ class Decoded(NamedTuple):
 
     pixels: AnyArray  #: gray (H, W) or RGB (H, W, 3), of the file's own type
     exif: bytes = b""  #: the TIFF structure that EXIF is; empty without one
-    has_video_range: bool = False  #: whether gray is from 16 to 235 of 256 steps
+    is_limited: bool = False  #: whether gray is from 16 to 235 of 256 steps, as of video
     is_linear: bool = False  #: whether it is linear light and not encoded for display
     alpha: AnyArray | None = None  #: (H, W), opacity of the type of the pixels; None if all
     pixel_aspect: float = 1.0  #: width by height of a pixel

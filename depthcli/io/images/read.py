@@ -298,7 +298,7 @@ def _frame_pixels(
         above = encode(light, exposure)
         return light.reshape(pixels.shape), (clip_warning(above / light[..., 0].size),)
     warnings: tuple[str, ...] = ()
-    if decoded.has_video_range:
+    if decoded.is_limited and pixels.ndim < _COLOUR_RANK:
         pixels = from_video_range(pixels, header.white)
     else:
         pixels, warnings = full_range(pixels, header.white, *levels)
