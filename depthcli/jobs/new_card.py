@@ -128,4 +128,6 @@ def _depth_output(outputs: Sequence[Any], stated: str | None) -> str:
     names = [entry.name for entry in outputs]
     if stated in names or (stated is None and len(names) == 1):
         return stated or str(names[0])
-    raise UsageError(f"the outputs are {', '.join(names)}", "name the depth map", option="output")
+    raise UsageError(
+        f"the outputs are {', '.join(names)}", "name the depth map", option="depth_output"
+    )

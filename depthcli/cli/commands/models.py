@@ -116,7 +116,7 @@ def write_new_card(
         None, metavar="R,G,B", help="Mean that is subtracted from colours in [0, 1]."
     ),
     std: str | None = typer.Option(None, metavar="R,G,B", help="Divisor of colours after that."),
-    output: str | None = typer.Option(
+    depth_output: str | None = typer.Option(
         None, metavar="NAME", help="Output that is the depth map, where there are several."
     ),
     overwrite: OverwriteOption = False,
@@ -137,7 +137,7 @@ def write_new_card(
         return tuple(parse.numbers(word, form, "0.485,0.456,0.406", option=name)) if word else None
 
     kind_, colour_ = kind and DepthKind(kind), colour and Colour(colour)
-    answers = Answers(kind_, colour_, numbers(mean, "mean"), numbers(std, "std"), output)
+    answers = Answers(kind_, colour_, numbers(mean, "mean"), numbers(std, "std"), depth_output)
     target = None if out is None else path_of(out)
     card = new_card(path_of(file), target, answers, overwrite=overwrite)
     for guess in card.guesses:
