@@ -116,7 +116,9 @@ def published_model(name: str) -> PublishedModel | None:
     if name not in catalog.ready_names() and not name.endswith(".json"):
         return None
     draft = _named_draft(name)
-    fields = {"onnx": catalog.NO_FILE_YET} | draft.fields
+    output = draft.fields.get("onnx")
+    of_file = catalog.NO_FILE_YET | (output if isinstance(output, dict) else {})
+    fields = draft.fields | {"onnx": of_file}
     card = ModelCard.from_json(json.dumps(fields), where=draft.where)
     url = paths.path_of(card.weights.url or "") if card.weights else None
     if card.weights is None or not isinstance(url, paths.RemotePath):

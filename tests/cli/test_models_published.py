@@ -12,6 +12,7 @@ from helpers.tiny import card_with, tiny_onnx, write_image
 from helpers.web import FileServer
 
 from depthcli.io.storage.temporary import open_locked
+from depthcli.models.catalog import ready_card, ready_names
 
 PAGE = "https://example.org/weights"
 AT_ONCE = {"DEPTHCLI_RETRIES": "0"}
@@ -178,3 +179,16 @@ def test_a_mirror_of_the_hub_is_asked_with_the_token(inside: Cli, server: FileSe
     other = write_published(inside, server.url, **pinned(server.data))
     assert inside("models", "add", other, "--force", **elsewhere).returncode == 0
     assert server.tokens[1:] == [None]
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in ready_names() if not ready_card(name).weights.url]
+)
+def test_a_ready_card_without_a_file_says_how_to_make_one(name: str, inside: Cli) -> None:
+    """7 cards ended with "onnx.opset is missing", 15 stated no command."""
+    refused = inside("models", "add", name)
+    assert refused.returncode == 2
+    for words in ("states no address of an ONNX file", f"'depthcli models cards {name}'"):
+        assert words.encode() in refused.stderr
+    card = ready_card(name)
+    assert (card.weights.export is None) == (card.verification.package is None)
