@@ -34,6 +34,7 @@ from starlette.types import ASGIApp, Message, Receive
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, is_out_of_memory
+from depthcli.errors import Message as Text
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.io.formats.table import Format
@@ -180,7 +181,7 @@ class DepthServer:
             options = self._parse(tuple(request.query_params.multi_items()))
             data = await self._image(request)
         except UsageError as error:
-            raise HTTPException(400, str(error)) from error
+            raise HTTPException(400, _named_as_in_query(error.message)) from error
         except ClientDisconnect as error:
             raise HTTPException(499, "the client has left") from error
         except OSError as error:  # Starlette keeps forms of over 1 MB in a temporary file
@@ -197,7 +198,7 @@ class DepthServer:
             raise HTTPException(503, f"not done in {self.limits.timeout_s:g} s", _RETRY) from None
         except (InputError, OutputError) as error:
             is_ours = isinstance(error, OutputError) and isinstance(error.__cause__, OSError)
-            text = error.message.worded(lambda name: _OF_SERVER.get(name, name))
+            text = _named_as_in_query(error.message)
             raise HTTPException(500 if is_ours else 422, text) from error
         except Exception as error:
             if is_out_of_memory(error):
@@ -232,7 +233,9 @@ class DepthServer:
         job, body = ImageJob(Pipeline(self.session, options.detail), options.writing), BytesIO()
         done = job.run(ImageTask(frame, options.camera, points, {options.format: body}))
         warnings = dict.fromkeys((*self.session.warnings, *done.warnings))
-        return body.getvalue(), depth_facts(done.depth) | {"warnings": [*map(str, warnings)]}
+        return body.getvalue(), depth_facts(done.depth) | {
+            "warnings": [*map(_named_as_in_query, warnings)]
+        }
 
     def _in_flight(self) -> int:
         return int(self._metrics.get_sample_value(_IN_FLIGHT) or 0)
@@ -249,6 +252,13 @@ class DepthServer:
         assert isinstance(error, HTTPException)  # noqa: S101 - it is registered for these
         self._requests.labels(error.status_code).inc()
         return PlainTextResponse(f"{error.detail}\n", error.status_code, error.headers)
+
+
+def _named_as_in_query(text: str) -> str:
+    """A message with the names that parameters have in a query."""
+    if not isinstance(text, Text):
+        return text
+    return text.worded(lambda name: _OF_SERVER.get(name, name))
 
 
 def _headers(facts: dict[str, Any]) -> dict[str, str]:
