@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -204,6 +204,9 @@ def read_model(location: ModelLocation) -> Model:
                 "or export it with 'depthcli export-onnx'"
             )
         card = ModelCard.from_json(embedded, where=f"card inside {path}")
+    if card.onnx.opset is None:
+        facts = onnx_facts(path, data)
+        card = replace(card, onnx=replace(card.onnx, opset=facts.opset, ir=facts.ir))
     return Model(path, card, sha256, size, data)
 
 
