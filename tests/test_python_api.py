@@ -16,7 +16,7 @@ from helpers.videos import encode, write_depth_video, write_video
 from PIL import Image
 
 import depthcli
-from depthcli.api.depth_map import SaveOptions
+from depthcli.api.depth_map import CAMERA, SaveOptions
 from depthcli.core.options import DepthFit
 from depthcli.io.depth.read import read_metadata
 from depthcli.io.formats.options import WriterOptions, names_of
@@ -560,4 +560,4 @@ def test_colours_are_warm_where_it_is_near(depth: depthcli.DepthMap) -> None:
 
 
 def test_save_types_each_option_of_the_formats() -> None:
-    assert set(SaveOptions.__annotations__) == set(names_of(WriterOptions))
+    assert set(SaveOptions.__annotations__) == {*names_of(WriterOptions), *CAMERA}

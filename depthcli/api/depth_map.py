@@ -31,6 +31,7 @@ from depthcli.known.points import KnownDepth
 
 AnchorLike: TypeAlias = Anchor | tuple[int, int, float]
 Anchors: TypeAlias = Sequence[AnchorLike] | AnyArray | types.DepthMap
+CAMERA = ("focal_px", "hfov_deg", "centre_px")  #: options of all formats that have a camera
 _TABLE_RANK, _COLUMNS = 2, 3
 
 
@@ -61,6 +62,9 @@ class SaveOptions(TypedDict, total=False):
     stereo_layout: Literal["side-by-side", "anaglyph"] | None
     eye_distance_m: float | None
     convergence_m: float | None
+    focal_px: float | None
+    hfov_deg: float | None
+    centre_px: tuple[float, float] | None
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -256,9 +260,6 @@ class DepthMap(types.DepthMap):
         self,
         path: str | os.PathLike[str] | BinaryIO,
         *,
-        focal_px: float | None = None,
-        hfov_deg: float | None = None,
-        centre_px: tuple[float, float] | None = None,
         overwrite: bool = False,
         **options: Unpack[SaveOptions],
     ) -> None:
@@ -272,13 +273,11 @@ class DepthMap(types.DepthMap):
         Args:
             path: the file, whose missing folders are created; or one that is open for writing and
                 has a name.
-            focal_px: focal length, as for :meth:`to_points`; PNG, EXR and JSON store it.
-            hfov_deg: horizontal field of view in degrees, in place of ``focal_px``.
-            centre_px: principal point, as for :meth:`to_points`; PNG, EXR and JSON store it.
             overwrite: whether a file that depthcli did not write is replaced. A ``.npy`` does not
                 say who wrote it.
             options: of the format, by the names of the command line, such as ``png_scale``,
-                ``half`` or ``stride``; None for the default of one.
+                ``half`` or ``stride``; None for the default of one. ``focal_px`` or ``hfov_deg``,
+                and ``centre_px``, are as for :meth:`to_points`; PNG, EXR and JSON store them.
 
         Raises:
             OutputError: it cannot be written, there is a file that depthcli did not write, or the
@@ -294,59 +293,41 @@ class DepthMap(types.DepthMap):
             raise UsageError(
                 f"{file} has no suffix that selects a format; use {', '.join(FILE_SUFFIXES)}"
             )
-        camera = Intrinsics.given(focal_px, hfov_deg, centre_px)
         if not isinstance(path, (str, os.PathLike)):
-            data, messages = self._encoded(name, camera, options)
+            data, messages = self._encoded(name, options)
             path.write(data)
         else:
-            depth, writer = self._writer(name, camera, options)
+            depth, writer = self._writer(name, options)
             inputs = () if self.frame is None or self.frame.path is None else (self.frame.path,)
             guard = Guard.of(inputs, overwrite=overwrite)
             with atomic_path(file, guard=guard) as temporary:
                 messages = writer.write(depth, temporary, self.frame)
         warn_all(messages, file)
 
-    def to_bytes(
-        self,
-        kind: str,
-        *,
-        focal_px: float | None = None,
-        hfov_deg: float | None = None,
-        centre_px: tuple[float, float] | None = None,
-        **options: Unpack[SaveOptions],
-    ) -> bytes:
-        """The content of a file of a format, such as ``png16`` or ``glb``.
-
-        ``kind`` is a format of the command line; other arguments and errors are those of
-        :meth:`save`.
-        """
-        camera = Intrinsics.given(focal_px, hfov_deg, centre_px)
-        data, messages = self._encoded(chosen(Format, kind, "the format"), camera, options)
+    def to_bytes(self, kind: str, **options: Unpack[SaveOptions]) -> bytes:
+        """The content of a file of a format, such as ``png16``; else as :meth:`save`."""
+        data, messages = self._encoded(chosen(Format, kind, "the format"), options)
         warn_all(messages)
         return data
 
-    def _encoded(
-        self, name: Format, camera: Intrinsics, options: SaveOptions
-    ) -> tuple[bytes, tuple[str, ...]]:
-        depth, writer = self._writer(name, camera, options)
+    def _encoded(self, name: Format, options: SaveOptions) -> tuple[bytes, tuple[str, ...]]:
+        depth, writer = self._writer(name, options)
         with temporary_folder() as folder:
             path = folder / f"depth{name.facts.suffix}"
             messages = writer.write(depth, path, self.frame)
             return path.read_bytes(), messages
 
-    def _writer(
-        self, name: Format, camera: Intrinsics, options: SaveOptions
-    ) -> tuple[types.DepthMap, Writer]:
+    def _writer(self, name: Format, options: SaveOptions) -> tuple[types.DepthMap, Writer]:
         """The map with a camera, and the writer of a format with its options."""
-        depth = with_camera(self, camera)
+        values = with_members(options)
+        depth = with_camera(self, Intrinsics.given(*(values.pop(each, None) for each in CAMERA)))
         if depth is not self and not name.facts.has_camera:
             raise UsageError(f"{name.facts.suffix} states no camera", "leave it out")
-        chosen_options = with_members(options)
-        is_normalized = any(chosen_options.get(each) for each in ("png_normalize", "png_inverse"))
-        used = {each for each, value in chosen_options.items() if value is not False}
+        is_normalized = any(values.get(each) for each in ("png_normalize", "png_inverse"))
+        used = {each for each, value in values.items() if value is not False}
         if others := used - {*name.facts.fields(is_normalized=is_normalized)}:
             raise UsageError(f"{min(others)} is not for {name.facts.suffix}")
-        return depth, writer_class(name)(**{each: chosen_options[each] for each in used})
+        return depth, writer_class(name)(**{each: values[each] for each in used})
 
 
 def known_depth_of(anchors: Anchors, fit: str | None) -> KnownDepth:
