@@ -14,6 +14,10 @@ from typing import ClassVar, Self
 
 SIGNAL_BASE = 128  #: exit code of a process that a signal ended, less the signal's number
 _OPENCV_NO_MEMORY = -4  # cv2.Error.StsNoMem, without loading OpenCV
+_IN_PYTHON = {"hfov": "hfov_deg", "baseline": "baseline_m", "from_scale": "png_scale"}
+_IN_PYTHON |= {"from_kind": "kind", "from_layer": "layer"}
+_IN_PYTHON |= {"out": "path", "overwrite": "overwrite=True"}
+"""Names in Python of parameters that the command line calls otherwise."""
 
 
 class ExitCode(IntEnum):
@@ -27,7 +31,7 @@ class ExitCode(IntEnum):
 
 
 class Message(str):
-    """One line about a problem; as text it names parameters, :meth:`worded` names options.
+    """One line about a problem; as text it names Python's parameters, :meth:`worded` others.
 
     Attributes:
         problem: the fact, with names of files and values as they are.
@@ -41,7 +45,7 @@ class Message(str):
     option: str
 
     def __new__(cls, problem: str, advice: str = "", *, option: str = "") -> Self:  # noqa: D102
-        message = super().__new__(cls, _joined(problem, advice, option, str))
+        message = super().__new__(cls, _joined(problem, advice, option, _python_name))
         message.problem, message.advice, message.option = problem, advice, option
         return message
 
@@ -62,6 +66,10 @@ def about(subject: str, text: str) -> str:
     if subject in text:
         return text
     return text.about(subject) if isinstance(text, Message) else f"{subject}: {text}"
+
+
+def _python_name(parameter: str) -> str:
+    return _IN_PYTHON.get(parameter, parameter)
 
 
 def _joined(problem: str, advice: str, option: str, word: Callable[[str], str]) -> str:

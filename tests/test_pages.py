@@ -10,6 +10,7 @@ import pytest
 from helpers.tiny import synthetic_image, write_image
 from helpers.videos import write_mp4
 
+import depthcli
 from depthcli._version import __version__
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -92,6 +93,11 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         "depth/manifest.jsonl",
         "walk.mkv",
     }
+
+
+def test_every_stable_name_is_on_a_page() -> None:
+    text = "".join(page.read_text("utf-8") for page in DOCS.glob("*.md"))
+    assert not [name for name in depthcli.__all__ if not re.search(rf"\b{name}\b", text)]
 
 
 TESTS = Path(__file__).parent

@@ -5,6 +5,7 @@ import warnings
 import weakref
 from collections.abc import Iterator
 from fractions import Fraction
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from helpers.videos import encode, write_depth_video, write_video
 from PIL import Image
 
 import depthcli
-from depthcli.api.depth_map import SaveOptions
+from depthcli.api.depth_map import CAMERA, SaveOptions
 from depthcli.core.options import DepthFit
 from depthcli.io.depth.read import read_metadata
 from depthcli.io.formats.options import WriterOptions, names_of
@@ -54,6 +55,7 @@ def test_ways_to_give_an_image_give_one_depth(model: depthcli.DepthModel, tmp_pa
             data,
             bytearray(data),
             memoryview(data),
+            BytesIO(data),
             PIXELS,
             PIXELS[..., ::-1].copy()[..., ::-1],  # as OpenCV's images come when they are turned
             np.asfortranarray(PIXELS),
@@ -65,6 +67,17 @@ def test_ways_to_give_an_image_give_one_depth(model: depthcli.DepthModel, tmp_pa
         ]
         for way in ways:
             np.testing.assert_array_equal(model.predict(way).values, wanted)
+    floats = [model.predict((PIXELS / 255).astype(kind)).values for kind in ("f4", "f8")]
+    np.testing.assert_array_equal(*floats)
+    (streamed,) = model.predict_many([BytesIO(data)])
+    np.testing.assert_array_equal(streamed.values, wanted)
+
+
+def test_a_path_is_never_fetched(model: depthcli.DepthModel) -> None:
+    with pytest.raises(depthcli.InputError, match="cannot be reached"):
+        model.predict("http://127.0.0.1:9/a.png")
+    with pytest.raises(depthcli.InputError, match="no such file"):
+        model.predict(Path("http://127.0.0.1:9/a.png"))
 
 
 def test_white_can_be_below_the_maximum(model: depthcli.DepthModel, tmp_path: Path) -> None:
@@ -121,8 +134,8 @@ def test_a_focal_length_that_scales_nothing_is_a_warning(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     "image",
     [
-        *("missing.png", b"", b"no image", None, 3.5, object()),
-        *(PIXELS.astype(np.float64) / 255, PIXELS.astype(np.float32)),
+        *("missing.png", b"", b"no image", None, 3.5, object(), StringIO("text")),
+        *(PIXELS.astype(np.float64), PIXELS.astype(np.float32)),
         *(PIXELS.transpose(2, 0, 1), PIXELS[None], Image.new("I", (4, 4))),
     ],
 )
@@ -206,7 +219,7 @@ STREAM_OPTIONS = [{"workers": 2}, {"batch_size": 3}, {"batch_size": 3, "workers"
     ("bad", "why"),
     [
         ([b"no image"], "not an image"),
-        ([np.zeros((2, 2))], "float64"),
+        ([np.zeros((2, 2), bool)], "bool"),
         ([PIXELS[:5, :5]], "outside"),
         ([], "the camera is gone"),
     ],
@@ -270,6 +283,12 @@ def test_errors_name_parameters_of_python(tmp_path: Path) -> None:
         with pytest.raises(depthcli.InputError) as error:
             use(large)
         assert "--" not in str(error.value)
+    depth = depthcli.load_model(folder, provider="cpu").predict(PIXELS)
+    with pytest.warns(depthcli.DepthcliWarning, match="give focal_px or hfov_deg"):
+        depth.save(tmp_path / "a.glb")
+    write_image(tmp_path / "a.png")
+    with pytest.raises(depthcli.OutputError, match="path, or replace it with overwrite=True"):
+        depth.save(tmp_path / "a.png")
     with pytest.raises(depthcli.UsageError):
         depthcli.load_model(folder, provider_options={"a": "b"})
 
@@ -432,6 +451,20 @@ def points_of(path: Path) -> bytes:
     return path.read_bytes().partition(b"end_header\n")[2]
 
 
+def test_bytes_and_open_files_hold_what_a_file_does(
+    depth: depthcli.DepthMap, tmp_path: Path
+) -> None:
+    depth.save(tmp_path / "a.png", png_scale=256)
+    expected = (tmp_path / "a.png").read_bytes()
+    assert depth.to_bytes("png16", png_scale=256) == expected
+    with (tmp_path / "b.png").open("wb") as file:
+        depth.save(file, png_scale=256)
+    assert (tmp_path / "b.png").read_bytes() == expected
+    for use in (lambda: depth.save(BytesIO()), lambda: depth.to_bytes("jpeg")):
+        with pytest.raises(depthcli.UsageError):
+            use()
+
+
 def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
     depth.save(tmp_path / "a.png", png_scale=256)
     assert read_metadata(tmp_path / "a.png")["scale"] == "256"
@@ -527,4 +560,4 @@ def test_colours_are_warm_where_it_is_near(depth: depthcli.DepthMap) -> None:
 
 
 def test_save_types_each_option_of_the_formats() -> None:
-    assert set(SaveOptions.__annotations__) == set(names_of(WriterOptions))
+    assert set(SaveOptions.__annotations__) == {*names_of(WriterOptions), *CAMERA}

@@ -5,7 +5,8 @@ import os
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Self, TypeAlias, TypedDict, Unpack
+from pathlib import Path
+from typing import BinaryIO, Literal, Self, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 
@@ -19,16 +20,18 @@ from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.io.formats.html import HtmlWriter
 from depthcli.io.formats.options import with_members
 from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.formats.table import FILE_SUFFIXES, format_of, writer_class
+from depthcli.io.formats.table import FILE_SUFFIXES, Format, Writer, format_of, writer_class
 from depthcli.io.guard import Guard
 from depthcli.io.images.png import encode_png
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import path_of
+from depthcli.io.storage.temporary import temporary_folder
 from depthcli.known.fit import fit_known_depth
 from depthcli.known.points import KnownDepth
 
 AnchorLike: TypeAlias = Anchor | tuple[int, int, float]
 Anchors: TypeAlias = Sequence[AnchorLike] | AnyArray | types.DepthMap
+CAMERA = ("focal_px", "hfov_deg", "centre_px")  #: options of all formats that have a camera
 _TABLE_RANK, _COLUMNS = 2, 3
 
 
@@ -62,6 +65,9 @@ class SaveOptions(TypedDict, total=False):
     )
     eye_distance_m: float | None
     convergence_m: float | None
+    focal_px: float | None
+    hfov_deg: float | None
+    centre_px: tuple[float, float] | None
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -255,11 +261,8 @@ class DepthMap(types.DepthMap):
 
     def save(
         self,
-        path: str | os.PathLike[str],
+        path: str | os.PathLike[str] | BinaryIO,
         *,
-        focal_px: float | None = None,
-        hfov_deg: float | None = None,
-        centre_px: tuple[float, float] | None = None,
         overwrite: bool = False,
         **options: Unpack[SaveOptions],
     ) -> None:
@@ -271,40 +274,63 @@ class DepthMap(types.DepthMap):
         a format cannot store something, such as depth beyond its range, a ``DepthcliWarning`` says.
 
         Args:
-            path: the file; missing folders are created.
-            focal_px: focal length, as for :meth:`to_points`; PNG, EXR and JSON store it.
-            hfov_deg: horizontal field of view in degrees, in place of ``focal_px``.
-            centre_px: principal point, as for :meth:`to_points`; PNG, EXR and JSON store it.
+            path: the file, whose missing folders are created; or one that is open for writing and
+                has a name.
             overwrite: whether a file that depthcli did not write is replaced. A ``.npy`` does not
                 say who wrote it.
             options: of the format, by the names of the command line, such as ``png_scale``,
-                ``half`` or ``stride``; None for the default of one.
+                ``half`` or ``stride``; None for the default of one. ``focal_px`` or ``hfov_deg``,
+                and ``centre_px``, are as for :meth:`to_points`; PNG, EXR and JSON store them.
 
         Raises:
             OutputError: it cannot be written, there is a file that depthcli did not write, or the
                 map cannot be expressed in the format.
             UsageError: the suffix chooses no format, or an option is not for that format.
         """
-        file = path_of(path)
+        if isinstance(path, (str, os.PathLike)):
+            file = path_of(path)
+        else:
+            file = Path(str(getattr(path, "name", "an open file without a name")))
         name = format_of(file)
         if name is None:
             raise UsageError(
                 f"{file} has no suffix that selects a format; use {', '.join(FILE_SUFFIXES)}"
             )
-        depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg, centre_px))
+        if not isinstance(path, (str, os.PathLike)):
+            data, messages = self._encoded(name, options)
+            path.write(data)
+        else:
+            depth, writer = self._writer(name, options)
+            inputs = () if self.frame is None or self.frame.path is None else (self.frame.path,)
+            guard = Guard.of(inputs, overwrite=overwrite)
+            with atomic_path(file, guard=guard) as temporary:
+                messages = writer.write(depth, temporary, self.frame)
+        warn_all(messages, file)
+
+    def to_bytes(self, kind: str, **options: Unpack[SaveOptions]) -> bytes:
+        """The content of a file of a format, such as ``png16``; else as :meth:`save`."""
+        data, messages = self._encoded(chosen(Format, kind, "the format"), options)
+        warn_all(messages)
+        return data
+
+    def _encoded(self, name: Format, options: SaveOptions) -> tuple[bytes, tuple[str, ...]]:
+        depth, writer = self._writer(name, options)
+        with temporary_folder() as folder:
+            path = folder / f"depth{name.facts.suffix}"
+            messages = writer.write(depth, path, self.frame)
+            return path.read_bytes(), messages
+
+    def _writer(self, name: Format, options: SaveOptions) -> tuple[types.DepthMap, Writer]:
+        """The map with a camera, and the writer of a format with its options."""
+        values = with_members(options)
+        depth = with_camera(self, Intrinsics.given(*(values.pop(each, None) for each in CAMERA)))
         if depth is not self and not name.facts.has_camera:
-            raise UsageError(f"{name.facts.suffix} states no camera; leave it out for {file}")
-        chosen_options = with_members(options)
-        is_normalized = any(chosen_options.get(each) for each in ("png_normalize", "png_inverse"))
-        used = {each for each, value in chosen_options.items() if value is not False}
+            raise UsageError(f"{name.facts.suffix} states no camera", "leave it out")
+        is_normalized = any(values.get(each) for each in ("png_normalize", "png_inverse"))
+        used = {each for each, value in values.items() if value is not False}
         if others := used - {*name.facts.fields(is_normalized=is_normalized)}:
             raise UsageError(f"{min(others)} is not for {name.facts.suffix}")
-        writer = writer_class(name)(**{each: chosen_options[each] for each in used})
-        inputs = () if self.frame is None or self.frame.path is None else (self.frame.path,)
-        guard = Guard.of(inputs, overwrite=overwrite)
-        with atomic_path(file, guard=guard) as temporary:
-            messages = writer.write(depth, temporary, self.frame)
-        warn_all(messages, path)
+        return depth, writer_class(name)(**{each: values[each] for each in used})
 
 
 def known_depth_of(anchors: Anchors, fit: str | None) -> KnownDepth:

@@ -132,8 +132,9 @@ class DepthModel:
         """Depth of every pixel of an image.
 
         Args:
-            image: a path; the bytes of a file; an array (H, W) gray or (H, W, 3) RGB of uint8,
-                uint16 or float32 in [0, 1], or with alpha; a PIL image; a ``Frame``.
+            image: a file's name, path or URI (a ``Path`` is never fetched); its bytes, or the file
+                open for reading; an array (H, W) gray or (H, W, 3) RGB of uint8, uint16 or floats
+                in [0, 1], or with alpha; a PIL image; a ``Frame``.
             focal_px: focal length in pixels of the image.
             hfov_deg: horizontal field of view in degrees, in place of ``focal_px``. With neither,
                 the 35-mm focal length in the image's EXIF is used, if it has one, else the camera

@@ -59,22 +59,6 @@ def start_worker() -> None:
     Thread(target=_exit_with_parent, daemon=True).start()
 
 
-@contextmanager
-def without_interrupts() -> Iterator[None]:
-    """Block Ctrl-C for processes that the block starts, whose imports would end in tracebacks."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    from multiprocessing.resource_tracker import ensure_running  # noqa: PLC0415 - as above
-
-    ensure_running()  # to start it unblocks the signal
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 def _exit_with_parent() -> None:
     """Exit when the parent was killed; else the worker would wait for work forever."""
     from multiprocessing import parent_process  # noqa: PLC0415 - only batches need it

@@ -63,6 +63,22 @@ class Interrupt:
         signal.raise_signal(signal.Signals(number))
 
 
+@contextlib.contextmanager
+def without_interrupts() -> Iterator[None]:
+    """Block Ctrl-C for processes that the block starts, whose imports would end in tracebacks."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    from multiprocessing.resource_tracker import ensure_running  # noqa: PLC0415 - for batches
+
+    ensure_running()  # to start it unblocks the signal
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 _actions: list[Callable[[], object]] = []
 
 

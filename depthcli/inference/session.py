@@ -16,7 +16,7 @@ from depthcli.core.parallel import usable_cores
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.inference import providers
 from depthcli.inference.providers import AUTO, CPU, CUDA, DEFAULT_OPTIONS, DIRECTML, PROVIDERS, ort
-from depthcli.models.card import MAX_INPUT_PIXELS, TensorLayout
+from depthcli.models.card import MAX_INPUT_PIXELS, TensorLayout, fit_to_graph
 from depthcli.models.catalog import Model
 
 _NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
@@ -152,6 +152,7 @@ class Session:
             with self._run_lock:
                 raw = self._session.run([*self._outputs.values()], feed, self._run_options)
         except Exception as error:
+            fit_to_graph(self.model.card, self.fixed_size, self.model.path, adapt=False)
             raise ModelError(
                 f"{self.model.path} failed on an input of {batch.shape}: {_first_line(error)}"
             ) from error

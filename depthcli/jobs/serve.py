@@ -25,13 +25,16 @@ from prometheus_client.exposition import generate_latest
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
+from starlette.middleware.cors import CORSMiddleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive
+from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, is_out_of_memory
+from depthcli.errors import Message as Text
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.io.formats.table import Format
@@ -41,9 +44,11 @@ from depthcli.jobs.outputs import MapOptions
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _DRAIN_S = 30
+IDLE_S = 75  #: after which silent connections end; nginx and AWS use theirs again for 60 s
 _MOST_PARSED = 256
 _RETRY = {"Retry-After": "1"}
 _IN_FLIGHT = "depthcli_in_flight"
+_OF_SERVER = {"max_pixels": "the server's --max-pixels"}  #: parameters that no request has
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,11 +69,31 @@ class Limits:
     max_pixels: int  #: of an image
 
 
+class _Connection(AutoHTTPProtocol):  # type: ignore[misc, valid-type]
+    """A connection that ends when no request begins for long, as in a header without end."""
+
+    def connection_made(self, transport: Any) -> None:  # noqa: ANN401 - as asyncio's
+        super().connection_made(transport)
+        self._check = self.loop.call_later(IDLE_S, self._close_if_idle, None)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._check.cancel()
+
+    def _close_if_idle(self, earlier: Any) -> None:  # noqa: ANN401 - as uvicorn's
+        request = self.cycle
+        if request is earlier and (request is None or request.response_complete):
+            self.transport.close()
+        else:
+            self._check = self.loop.call_later(IDLE_S, self._close_if_idle, request)
+
+
 class DepthServer:
     """The application of a server, for uvicorn or another ASGI server.
 
     ``parse`` makes the options of a request of the names and values in its query. Requests need the
     token, or, without one, one of ``hosts`` in their header: pages of other sites have neither.
+    Browsers let pages of ``origins`` read the answers.
     """
 
     def __init__(
@@ -79,6 +104,7 @@ class DepthServer:
         *,
         token: str | None = None,
         hosts: Sequence[str] = LOOPBACK,
+        origins: Sequence[str] = (),
     ) -> None:
         self.session, self.limits, self.token = session, limits, token
         self._parse = lru_cache(_MOST_PARSED)(parse)  # clients repeat their options
@@ -97,7 +123,16 @@ class DepthServer:
         ]
         self.app: ASGIApp = Starlette(
             routes=routes,
-            middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=allowed)],
+            middleware=[
+                Middleware(
+                    CORSMiddleware,
+                    allow_origins=origins,
+                    allow_methods=["POST"],
+                    allow_headers=["Authorization"],
+                    expose_headers=["Depth-Facts"],
+                ),
+                Middleware(TrustedHostMiddleware, allowed_hosts=allowed),
+            ],
             exception_handlers={HTTPException: self._failed},
         )
 
@@ -118,7 +153,8 @@ class DepthServer:
             access_log=False,
             server_header=False,
             lifespan="off",
-            timeout_keep_alive=75,  # nginx and AWS use connections again for 60 s
+            timeout_keep_alive=IDLE_S,
+            http=_Connection,
             timeout_graceful_shutdown=_DRAIN_S,
         )
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -145,7 +181,7 @@ class DepthServer:
             options = self._parse(tuple(request.query_params.multi_items()))
             data = await self._image(request)
         except UsageError as error:
-            raise HTTPException(400, str(error)) from error
+            raise HTTPException(400, _named_as_in_query(error.message)) from error
         except ClientDisconnect as error:
             raise HTTPException(499, "the client has left") from error
         except OSError as error:  # Starlette keeps forms of over 1 MB in a temporary file
@@ -162,7 +198,8 @@ class DepthServer:
             raise HTTPException(503, f"not done in {self.limits.timeout_s:g} s", _RETRY) from None
         except (InputError, OutputError) as error:
             is_ours = isinstance(error, OutputError) and isinstance(error.__cause__, OSError)
-            raise HTTPException(500 if is_ours else 422, str(error)) from error
+            text = _named_as_in_query(error.message)
+            raise HTTPException(500 if is_ours else 422, text) from error
         except Exception as error:
             if is_out_of_memory(error):
                 raise HTTPException(503, "out of memory; send a smaller image") from error
@@ -176,14 +213,16 @@ class DepthServer:
         )
 
     async def _image(self, request: Request) -> bytes:
-        """The bytes of an image: the whole body, or the file ``image`` of a multipart form."""
+        """The bytes of an image: the whole body, or ``image`` or ``file`` of a multipart form."""
         request = type(request)(request.scope, _limited(request.receive, self.limits.max_bytes))
         if "multipart/form-data" not in request.headers.get("content-type", ""):
             return await request.body()
         async with request.form(max_files=1) as form:
-            sent = form.get("image")
+            sent = form.get("image", form.get("file"))
             if sent is None or isinstance(sent, str) or len(form) > 1:
-                problem = "the form is not one file named 'image'; options are in the query"
+                problem = (
+                    "the form is not one file named 'image' or 'file'; options are in the query"
+                )
                 raise HTTPException(400, problem)
             return await sent.read()
 
@@ -194,15 +233,17 @@ class DepthServer:
         job, body = ImageJob(Pipeline(self.session, options.detail), options.writing), BytesIO()
         done = job.run(ImageTask(frame, options.camera, points, {options.format: body}))
         warnings = dict.fromkeys((*self.session.warnings, *done.warnings))
-        return body.getvalue(), depth_facts(done.depth) | {"warnings": [*map(str, warnings)]}
+        return body.getvalue(), depth_facts(done.depth) | {
+            "warnings": [*map(_named_as_in_query, warnings)]
+        }
 
     def _in_flight(self) -> int:
         return int(self._metrics.get_sample_value(_IN_FLIGHT) or 0)
 
     def _check_token(self, request: Request) -> None:
-        header = request.headers.get("authorization", "")
-        expected = f"Bearer {self.token}"
-        if self.token and not hmac.compare_digest(header.encode(), expected.encode()):
+        scheme, _, word = request.headers.get("authorization", "").partition(" ")
+        is_right = hmac.compare_digest(word.strip().encode(), str(self.token).encode())
+        if self.token and not (scheme.lower() == "bearer" and is_right):
             headers = {"WWW-Authenticate": "Bearer"}
             raise HTTPException(401, "send the header 'Authorization: Bearer TOKEN'", headers)
 
@@ -211,6 +252,13 @@ class DepthServer:
         assert isinstance(error, HTTPException)  # noqa: S101 - it is registered for these
         self._requests.labels(error.status_code).inc()
         return PlainTextResponse(f"{error.detail}\n", error.status_code, error.headers)
+
+
+def _named_as_in_query(text: str) -> str:
+    """A message with the names that parameters have in a query."""
+    if not isinstance(text, Text):
+        return text
+    return text.worded(lambda name: _OF_SERVER.get(name, name))
 
 
 def _headers(facts: dict[str, Any]) -> dict[str, str]:
@@ -226,12 +274,15 @@ def _headers(facts: dict[str, Any]) -> dict[str, str]:
 
 
 def _limited(receive: Receive, most: int) -> Receive:
-    """A receiver that ends a request whose body is larger than ``most`` bytes with 413."""
+    """A receiver that ends a request whose body is larger than ``most`` bytes, or stops."""
     received = 0
 
     async def limited() -> Message:
         nonlocal received
-        message = await receive()
+        try:
+            message = await asyncio.wait_for(receive(), IDLE_S)
+        except TimeoutError:
+            raise HTTPException(408, f"nothing came for {IDLE_S} s") from None
         received += len(message.get("body", b""))
         if received > most:
             raise HTTPException(413, f"the body is larger than {most} bytes")

@@ -229,8 +229,8 @@ class CameraSpec:
 class OnnxSpec:
     """Versions that decide which onnxruntime can load the file, and which output is the map."""
 
-    opset: Count
-    ir: Count
+    opset: Count | None = None
+    ir: Count | None = None
     output: Text | None = None  #: name of the output that is the depth map; None for the only one
 
 
@@ -330,7 +330,7 @@ class ModelCard:
     input: InputSpec
     output: OutputSpec
     camera: CameraSpec | None
-    onnx: OnnxSpec
+    onnx: OnnxSpec = OnnxSpec()
     file: _FileName | None = None
     sha256: _Sha256 | None = None
     size_bytes: Count | None = None

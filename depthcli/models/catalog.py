@@ -5,7 +5,7 @@ import json
 import os
 import shlex
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -213,6 +213,9 @@ def read_model(location: ModelLocation) -> Model:
                 f"('depthcli models cards' has ready ones), or {how_to_write(path)}"
             )
         card = ModelCard.from_json(embedded, where=f"card inside {path}")
+    if card.onnx.opset is None:
+        facts = onnx_facts(path, data)
+        card = replace(card, onnx=replace(card.onnx, opset=facts.opset, ir=facts.ir))
     return Model(path, card, sha256, size, data)
 
 

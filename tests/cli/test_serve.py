@@ -8,10 +8,12 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from queue import SimpleQueue
 from typing import NamedTuple
 from urllib.parse import urlencode, urlsplit
 
@@ -23,8 +25,9 @@ from helpers.command_line import Cli, unmeasured
 from helpers.tiny import synthetic_image
 
 from depthcli.cli.commands.serve import _REFUSED, _command, parse_request
-from depthcli.core.options import DepthMask
+from depthcli.core.options import DepthMask, Eye
 from depthcli.errors import UsageError
+from depthcli.inference.loading import SessionLoader
 from depthcli.jobs import serve
 
 
@@ -113,6 +116,7 @@ def test_accepts_a_form_and_anchors(cli: Cli) -> None:
         kind = {"Content-Type": "multipart/form-data; boundary=x"}
         reply = server.predict(form, kind, format="npy", anchor="3,4,2.5")
         assert server.predict(form.replace(b"image", b"photo"), kind).status == 400
+        assert server.predict(form.replace(b"image", b"file"), kind).status == 200
         field = b'--x\r\nContent-Disposition: form-data; name="format"\r\n\r\nexr\r\n'
         mixed = server.predict(field + form, kind)
         assert (mixed.status, b"query" in mixed.body) == (400, True)
@@ -130,6 +134,7 @@ def test_refuses_requests_that_cannot_be_answered(cli: Cli) -> None:
             server.predict(png(), anchors="/etc/passwd").status,
             server.predict(png(), focal_px="-1").status,
             server.predict(png(), half="maybe").status,
+            server.ask("/predict?format=npy&format=png16", png()).status,
             server.predict(png(), mask="model").status,
             server.predict(b"no image").status,
             server.predict(png(100, 100)).status,
@@ -138,7 +143,8 @@ def test_refuses_requests_that_cannot_be_answered(cli: Cli) -> None:
             server.ask("/health", headers={"Host": "attacker.example"}).status,
             server.predict(png()).status,
         ]
-    assert statuses == [400, 400, 400, 400, 422, 422, 422, 413, 405, 400, 200]
+        assert b"the server's --max-pixels" in server.predict(png(100, 100)).body
+    assert statuses == [400, 400, 400, 400, 400, 422, 422, 422, 413, 405, 400, 200]
 
 
 def test_no_option_of_a_request_names_a_file() -> None:
@@ -151,6 +157,7 @@ def test_no_option_of_a_request_names_a_file() -> None:
 
 def test_a_request_may_name_options_as_the_command_does() -> None:
     assert parse_request((("mask", "model"),)).detail.mask is DepthMask.MODEL
+    assert parse_request((("eye", "right"),)).reading.eye is Eye.RIGHT
     assert parse_request((("focal-px", "50"),)) == parse_request((("focal_px", "50"),))
 
 
@@ -175,10 +182,58 @@ def test_addresses_that_others_reach_need_a_token(cli: Cli) -> None:
         pod = {"Host": "10.0.0.5:8000"}  # as kubelet: kubeflow/mcp-server#91
         assert local.ask("/health", headers=pod).status == 200
         statuses = [
-            local.predict(png(), {"Authorization": f"Bearer {token}"}).status
-            for token in ("secret", "other", "")
+            local.predict(png(), {"Authorization": words}).status
+            for words in ("Bearer secret", "bearer secret", "Bearer other", "Bearer ", "secret")
         ]
-        assert (statuses, local.ask("/metrics").status) == ([200, 401, 401], 401)
+        assert (statuses, local.ask("/metrics").status) == ([200, 200, 401, 401, 401], 401)
+
+
+def test_pages_of_an_allowed_origin_may_call_it(cli: Cli) -> None:
+    # pinecone-io/canopy#319, superdesk/superdesk-core#2384
+    origin = "http://localhost:3000"
+    wish = {
+        "Access-Control-Request-Method": "POST",
+        "Access-Control-Request-Headers": "authorization",
+    }
+    with serving(cli, "--allow-origin", origin, "--token", "secret") as server:
+        connection = http.client.HTTPConnection(server.address, timeout=60)
+        for allowed in (origin, "http://other.example"):
+            connection.request("OPTIONS", "/predict", headers={"Origin": allowed, **wish})
+            reply = connection.getresponse()
+            reply.read()
+            assert (reply.status == 200) == (allowed == origin)
+            sent = {"Origin": allowed, "Authorization": "Bearer secret"}
+            headers = server.predict(png(), sent).headers
+            assert (headers["Access-Control-Allow-Origin"] == origin) == (allowed == origin)
+        connection.close()
+
+
+def test_a_calibrated_camera_is_that_of_requests_that_name_none(cli: Cli) -> None:
+    (cli.folder / "a.png").write_bytes(png())
+    assert cli("serve", "--port", "0", "--camera", "wide").returncode == 2
+    cli("calibrate", "wide", "a.png", "--anchor", "3,4,5", code=0)
+    with serving(cli, "--camera", "wide") as server:
+        (cli.folder / "a.npy").write_bytes(server.predict(png(), format="npy").body)
+    assert np.load(cli.folder / "a.npy")[4, 3] == pytest.approx(5)
+
+
+@pytest.mark.parametrize(
+    ("sent", "answer"),
+    [(b"GET /health HTTP/1.1\r\nX-A: ", b""), (b"POST /predict HTTP/1.1\r\n{}\r\n", b"408")],
+)
+def test_what_never_ends_is_ended(
+    cli: Cli, sent: bytes, answer: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serve, "IDLE_S", 1)
+    session = SessionLoader(cli.models / "default", "cpu").load()
+    server = serve.DepthServer(session, parse_request, serve.Limits(1, 1, 60, 10**6, 10**6))
+    urls = SimpleQueue[str]()
+    words = ("127.0.0.1", 0, urls.put)
+    threading.Thread(target=server.run, args=words, daemon=True).start()
+    host, port = urlsplit(urls.get()).netloc.split(":")
+    with socket.create_connection((host, port), 60) as client:
+        client.sendall(sent.replace(b"{}", b"Host: localhost\r\nContent-Length: 9\r\n"))
+        assert client.recv(999)[9:12] == answer
 
 
 def test_a_port_that_is_taken_is_one_line(cli: Cli) -> None:
@@ -199,6 +254,7 @@ def test_states_health_and_metrics_and_shows_a_page(cli: Cli, host: str) -> None
         page = server.ask("/")
         assert page.headers["Content-Type"].startswith("text/html")
         assert b"http" not in page.body.replace(b"HTTP", b"")  # nothing from elsewhere
+        assert b'<input type="file" accept="image/*">' in page.body  # hidden, no key would reach it
 
 
 def test_a_client_that_leaves_is_counted_and_no_error_of_the_server(cli: Cli) -> None:

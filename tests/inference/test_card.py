@@ -109,7 +109,7 @@ def test_error_names_the_wrong_value(changes: dict[str, Any], named: str) -> Non
     assert len(str(caught.value)) < 300
 
 
-@pytest.mark.parametrize("name", [n for n in CARD if n != "schema"])
+@pytest.mark.parametrize("name", sorted(CARD.keys() - {"schema", "onnx"}))
 def test_error_names_the_missing_field(name: str) -> None:
     card = {key: value for key, value in CARD.items() if key != name}
     with pytest.raises(ModelError, match=f"{name} is missing"):

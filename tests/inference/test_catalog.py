@@ -5,10 +5,12 @@ import json
 import os
 from pathlib import Path
 
+import numpy as np
 import onnx
 import pytest
-from helpers.tiny import card_with, tiny_onnx, write_model
+from helpers.tiny import card_with, load, tiny_onnx, write_model
 
+from depthcli.core.types import Frame
 from depthcli.errors import ModelError
 from depthcli.models import catalog
 
@@ -168,6 +170,21 @@ def test_an_onnx_file_without_a_card_is_refused(tmp_path: Path) -> None:
     (tmp_path / "m.onnx").write_bytes(tiny_onnx())
     with pytest.raises(ModelError):
         catalog.find_model(tmp_path / "m.onnx")
+
+
+def test_the_complete_card_of_the_docs_works_beside_its_file(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "models.md").read_text("utf-8")
+    card = page.split("A complete card:\n\n```json\n")[1].partition("```")[0]
+    (tmp_path / "mean.card.json").write_text(card)
+    (tmp_path / "mean.onnx").write_bytes(tiny_onnx(channels=3))
+    model = catalog.find_model(tmp_path / "mean.onnx")
+    assert (model.card.name, model.card.onnx.opset, model.card.onnx.ir) == ("mean", 17, 8)
+
+
+def test_a_card_of_any_size_on_a_network_of_one_says_what_to_set(tmp_path: Path) -> None:
+    folder = write_model(tmp_path / "fixed", tiny_onnx(size=(12, 16)), input__fit="keep-aspect")
+    with pytest.raises(ModelError, match=r"input\.dynamic to false"):
+        load(folder).predict(Frame(np.zeros((30, 90), np.uint8)))
 
 
 def test_a_checkpoint_is_told_from_a_model() -> None:

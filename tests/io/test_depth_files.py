@@ -93,7 +93,7 @@ def test_exr_on_a_disk_that_is_full_for_a_moment_is_one_clear_error(tmp_path: Pa
     words = [sys.executable, "-c", script, tmp_path / "a.exr"]
     done = subprocess.run(words, capture_output=True, text=True, check=False, env=unmeasured())
     assert done.stderr.splitlines()[-1].endswith(
-        f"{tmp_path}/a.exr: File too large; choose another out"
+        f"{tmp_path}/a.exr: File too large; choose another path"
     )
     assert list(tmp_path.iterdir()) == []
 

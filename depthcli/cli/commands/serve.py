@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import fields
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -11,7 +12,7 @@ import typer
 from depthcli.cli import options
 from depthcli.cli.groups import command_of, group
 from depthcli.cli.screen import console
-from depthcli.core.options import MAX_PIXELS
+from depthcli.core.options import MAX_PIXELS, Eye
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format
 
@@ -46,6 +47,13 @@ class ListenOptions:
     allow_host: list[str] | None = options.option(
         "Further host name by which clients may call a server without a token, such as that of a "
         "proxy; repeatable."
+    )
+    allow_origin: list[str] | None = options.option(
+        "Origin of web pages that may call the server, such as http://localhost:3000; repeatable."
+    )
+    camera: str | None = options.option(
+        "Calibrated camera of requests that name no other; see 'depthcli calibrate'.",
+        metavar="NAME",
     )
 
 
@@ -95,12 +103,14 @@ def serve(
     if listen.host not in LOOPBACK and not token:
         raise UsageError(f"{listen.host} can be reached from other machines", "give a {token}")
     count, threads = share_cores(workers, model.runtime.threads)
+    parse_request((), listen.camera)
     server = DepthServer(
         parse.session_loader(model.model, model.runtime, threads).load(),
-        parse_request,
+        partial(parse_request, camera=listen.camera),
         Limits(count, limits.queue, limits.timeout, limits.max_bytes, limits.max_pixels),
         token=token,
         hosts=(*LOOPBACK, *(listen.allow_host or ())),
+        origins=listen.allow_origin or (),
     )
     if not quiet:
         console.warn_all(server.session.warnings)
@@ -121,19 +131,27 @@ def _options(
     read: options.ImageOptions,
     detail: options.MapOptions,
     writing: options.WritingOptions,
+    eye: Eye | None = None,
 ) -> Any:  # noqa: ANN401 - Asked
     """Options of a request."""
     from depthcli.cli import parse
     from depthcli.jobs.serve import Asked
 
-    return Asked(format=format_, **parse.map_options(camera, anchors, read, detail, writing))
+    return Asked(
+        format=format_, **parse.map_options(camera, anchors, read, detail, writing, eye=eye)
+    )
 
 
 _command = command_of(_options)
 
 
-def parse_request(query: Sequence[tuple[str, str]]) -> Asked:
-    """Options of a request by the names of ``predict``, such as ``focal_px``."""
+def parse_request(query: Sequence[tuple[str, str]], camera: str | None = None) -> Asked:
+    """Options of a request by the names of ``predict``, such as ``focal_px``.
+
+    ``camera`` is the name of a calibrated one for requests that name none.
+    """
+    if camera is not None and "camera" not in dict(query):
+        query = (*query, ("camera", camera))
     try:
         request: Asked = _command.main(
             list(_words(query)), prog_name="/predict", standalone_mode=False
@@ -151,11 +169,15 @@ def _words(query: Sequence[tuple[str, str]]) -> Iterator[str]:
         for parameter in _command.params
         if parameter.name not in _REFUSED
     }
+    seen = set[str]()
     for name, value in query:
         parameter = parameters.get(name.replace("-", "_"))
         if parameter is None:
             names = ", ".join(sorted(parameters))
             raise UsageError(f"no option named {name!r}: there are {names}")
+        if parameter.name in seen and not parameter.multiple:
+            raise UsageError(f"{name} is given twice")
+        seen.add(parameter.name)
         option = parameter.opts[-1]
         if not getattr(parameter, "is_flag", False):
             yield f"{option}={value}"

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, BinaryIO, NamedTuple, Protocol, TypeAlias
 
 import cv2
 import numpy as np
@@ -328,17 +328,18 @@ class PilImage(Protocol):
         """Its EXIF."""
 
 
-ImageLike: TypeAlias = (  #: a path, the content of a file, pixels, or a PIL image
-    str | os.PathLike[str] | bytes | bytearray | memoryview | ArrayLike | PilImage | Frame
-)
+_Content: TypeAlias = bytes | bytearray | memoryview | BinaryIO
+#: a path, a file's content, a file open for reading, pixels, or a PIL image
+ImageLike: TypeAlias = str | os.PathLike[str] | _Content | ArrayLike | PilImage | Frame
 
 
 def frame_of(image: ImageLike, white_level: int | None = None) -> Frame:
     """An image as a frame.
 
     Args:
-        image: a path; the content of a file; an RGB array or tensor (H, W) or (H, W, C) of
-            uint8, uint16 or float32 in [0, 1], or with alpha; a PIL image; a frame.
+        image: a path or URI; the content of a file; a file open for reading; an RGB array or
+            tensor (H, W) or (H, W, C) of uint8, uint16 or floats in [0, 1], or with alpha; a PIL
+            image; a frame.
             Files, and PIL images that were opened from one, are rotated by their EXIF.
         white_level: value of white in 16-bit pixels, as for :func:`read_image`.
 
@@ -358,6 +359,10 @@ def frame_of(image: ImageLike, white_level: int | None = None) -> Frame:
         return image
     if isinstance(image, (str, os.PathLike)):
         return read_image(path_of(image), white_level=white_level)
+    if hasattr(image, "read"):
+        image = image.read()
+        if isinstance(image, str):
+            raise InputError("the file is open as text", "open it with mode 'rb'")
     if isinstance(image, (bytes, bytearray, memoryview)):
         name = "the image in memory"
         return read_image(None, bytes(image), name=name, white_level=white_level)
@@ -378,6 +383,8 @@ def _pixels(image: ArrayLike) -> tuple[AnyArray, AnyArray | None]:
         pixels = np.array(np.asarray(image), order="C")
     except (TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"{type(image).__name__} is not an array: {error}") from error
+    if pixels.dtype.kind == "f":
+        pixels = pixels.astype(np.float32, copy=False)
     if pixels.ndim == 0 or pixels.dtype == object:  # None of cv2.imread, for instance
         problem = "an image is a path, bytes, an array, a Frame or a PIL image"
         raise InputError(f"{problem}, not {type(image).__name__}")
