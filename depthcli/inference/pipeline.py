@@ -131,7 +131,8 @@ class Pipeline:
             None if points is None else transforms.prompt_input(self.card, points, frame, layout)
             for frame, layout, points in zip(frames, layouts, known_points, strict=True)
         ]
-        raws = self._run([single for single, _ in prepared], prompts)
+        matrices = [self._camera_matrix(*each) for each in zip(frames, layouts, lens, strict=True)]
+        raws = self._run([single for single, _ in prepared], prompts, matrices)
         estimates = map(self._model_depth, frames, raws, layouts, lens, known_points)
         parts = zip(estimates, frames, known_depth, strict=True)
         return [_finished(one, f, points, followed) for (one, followed), f, points in parts]
@@ -252,12 +253,31 @@ class Pipeline:
         batch, layout = prepare(self.card.input, frame)
         return transforms.coarse_depth(self.card.output, self.session.run(batch)[0], layout)
 
+    def _camera_matrix(
+        self, frame: Frame, layout: Layout, camera: Intrinsics
+    ) -> Float32Array | None:
+        """The camera in pixels of the network's input, (3, 3); None if the network takes none."""
+        if self.card.input.camera_matrix is None:
+            return None
+        if camera.focal_px is None or self.detail.tile_px is not None:
+            problem = f"model {self.card.name!r} needs the focal length, and the whole image"
+            raise InputError(problem, "give {focal_px} or {hfov}, and no {tile}")
+        across, down = layout.inner_width / frame.width, layout.inner_height / frame.height
+        x, y = camera.centre_px or ((frame.width - 1) / 2, (frame.height - 1) / 2)
+        x, y = layout.left + (x + 0.5) * across - 0.5, layout.top + (y + 0.5) * down - 0.5
+        focal_px, aspect = camera.focal_px, camera.pixel_aspect or 1
+        rows = (focal_px * across, 0, x), (0, focal_px * aspect * down, y), (0, 0, 1)
+        return np.array(rows, np.float32)
+
     def _run(
-        self, inputs: Sequence[Float32Array], known_depth: Sequence[Float32Array | None]
+        self,
+        inputs: Sequence[Float32Array],
+        known_depth: Sequence[Float32Array | None],
+        matrices: Sequence[Float32Array | None],
     ) -> list[RawOutputs]:
         """The network's output for each (1, C, H, W) input, batched by size.
 
-        ``known_depth`` is (C, H, W) for each; None for none.
+        ``known_depth`` is (C, H, W) for each, ``matrices`` (3, 3); None for none.
         """
         batches: dict[tuple[int, ...], list[int]] = {}
         for i, single in enumerate(inputs):
@@ -266,7 +286,8 @@ class Pipeline:
         for members in batches.values():
             together = [inputs[i] for i in members]
             batch = together[0] if len(together) == 1 else np.concatenate(together)
-            raw = self.session.outputs(batch, [known_depth[i] for i in members])
+            knowns, cameras = [known_depth[i] for i in members], [matrices[i] for i in members]
+            raw = self.session.outputs(batch, knowns, cameras)
             outputs |= {member: raw.image(i) for i, member in enumerate(members)}
         return [outputs[i] for i in range(len(inputs))]
 

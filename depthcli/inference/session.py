@@ -22,7 +22,7 @@ from depthcli.models.catalog import Model
 _NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
 _NAMES = frozenset({"depth", "disparity", "predicted_depth", "metric_depth"})
 _INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
-_IMAGE_RANK = 4
+_IMAGE_RANK, _MATRIX_RANK = 4, 3
 _POINT = 3  # numbers
 _Prompts = Sequence[Float32Array | None] | None
 
@@ -130,11 +130,17 @@ class Session:
         """The maps of :meth:`outputs`, (N, h, w) float32."""
         return self.outputs(batch, prompts).maps
 
-    def outputs(self, batch: Float32Array, prompts: _Prompts = None) -> RawOutputs:
+    def outputs(
+        self,
+        batch: Float32Array,
+        prompts: _Prompts = None,
+        cameras: Sequence[Float32Array | None] = (),
+    ) -> RawOutputs:
         """Run the network on (N, C, H, W) float32, normalized as the card says.
 
         ``prompts`` are known depth for a network that takes it, (C, H, W) float32 of each image
-        with an input in each channel; None where nothing is known.
+        with an input in each channel; None where nothing is known. ``cameras`` are the camera
+        matrices, (3, 3) float32 of each image, for a network that takes them.
         """
         feed = {self._input: batch}
         spec = self.model.card.input
@@ -145,6 +151,8 @@ class Session:
             each = [None] * len(batch) if prompts is None else prompts
             stacked = np.stack([nothing if points is None else points for points in each])
             feed |= {name: stacked[:, i : i + 1] for i, name in enumerate(spec.prompt_inputs)}
+        if spec.camera_matrix is not None:
+            feed[spec.camera_matrix] = np.asarray(cameras, np.float32)
         if spec.layout is TensorLayout.NHWC:
             feed[self._input] = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
         feed = {name: values.astype(self._input_type, copy=False) for name, values in feed.items()}
@@ -261,13 +269,16 @@ def _load_error(model: Model, names: tuple[str, ...], error: Exception) -> Model
 def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tuple[int | None, ...]]:
     """Name and (N, C, H, W) of the image's float input; None where a length is dynamic."""
     inputs: list[Any] = session.get_inputs()
-    names = model.card.input.prompt_inputs
+    names, matrix = model.card.input.prompt_inputs, model.card.input.camera_matrix
     kinds = [(len(entry.shape), entry.type) for entry in inputs]
-    usual = ([(_IMAGE_RANK, kind)] * (1 + len(names)) for kind in _INPUT_TYPES)
+    ranks = [_IMAGE_RANK] * (1 + len(names)) + [_MATRIX_RANK] * (matrix is not None)
+    names += () if matrix is None else (matrix,)
+    usual = ([(rank, kind) for rank in ranks] for kind in _INPUT_TYPES)
     if kinds not in usual or tuple(entry.name for entry in inputs[1:]) != names:
         listed = one_line(", ".join(f"{entry.name} {entry.shape} {entry.type}" for entry in inputs))
         problem = f"{model.path} has the inputs {listed or 'none'}"
-        advice = "export it with one float32 input (N, C, H, W), or state input.prompt in its card"
+        what = "input.prompt or input.camera_matrix"
+        advice = f"export it with one float32 input (N, C, H, W), or state {what} in its card"
         raise ModelError(problem, advice)
     first, spec = inputs[0], model.card.input
     lengths = [length if isinstance(length, int) else None for length in first.shape]

@@ -2,13 +2,14 @@
 
 import numpy as np
 
+from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import ModelError
 from depthcli.inference.pipeline import NETWORK_FROM, Pipeline
 from depthcli.inference.session import Session
 from depthcli.known.points import KnownDepth
 
-_GRAY = 128
+_GRAY, _HFOV_DEG = 128, 60.0
 
 
 def try_session(session: Session) -> None:
@@ -50,9 +51,11 @@ def _predict_gray(session: Session, height: int, width: int) -> None:
 
 
 def depth_for_trial(pipeline: Pipeline, frame: Frame) -> DepthMap:
-    """Depth of an image; a network that needs known depth gets that of a slope."""
+    """Depth of an image; a network that needs known depth or a camera gets some."""
+    needs_camera = pipeline.card.input.camera_matrix is not None
+    camera = Intrinsics(hfov_deg=_HFOV_DEG) if needs_camera else UNKNOWN_CAMERA
     if pipeline.card.input.known_depth is None:
-        return pipeline.predict(frame).depth
+        return pipeline.predict(frame, camera).depth
     columns, rows = frame.display_size_px
     slope = np.linspace((0, 0, 1), (columns - 1, rows - 1, 2), NETWORK_FROM)
-    return pipeline.predict(frame, anchors=KnownDepth.of_table(slope)).depth
+    return pipeline.predict(frame, camera, anchors=KnownDepth.of_table(slope)).depth

@@ -76,6 +76,9 @@ def new_card(model: Path, out: Path | None, answers: Answers, *, overwrite: bool
         "std": guess("input.std", answers.std, std, of_input),
         "layout": layout,
     }
+    matrices = [entry.name for entry in session.get_inputs()[1:] if entry.shape[-2:] == [3, 3]]
+    if matrices:
+        spec["camera_matrix"] = guess("input.camera_matrix", None, matrices[-1], "by its shape")
     if is_dynamic:
         size = f"{_USUAL_PX}, and multiple_of {_PATCH_PX}"
         guesses.append(f"input.width and height are {size}: the file accepts any size")

@@ -136,6 +136,8 @@ class InputSpec:
     #: the names of ``PROMPT_INPUTS`` and one channel each
     prompt: bool = False
     known_depth: KnownDepthSpec | None = None  #: of a network that needs a whole map of it
+    #: name of the last input if it is the camera matrix, (N, 3, 3), in the network's pixels
+    camera_matrix: Text | None = None
 
     @property
     def prompt_inputs(self) -> tuple[str, ...]:

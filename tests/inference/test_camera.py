@@ -7,14 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import pytest
 from helpers.tiny import card_with, load, point_cloud, write_model
 
 from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
 from depthcli.core.types import Frame, Provenance
+from depthcli.errors import InputError
 from depthcli.inference.camera import focal_warnings, intrinsics_of, with_own_view
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.transforms import input_layout
+from depthcli.inference.trial import try_session
 from depthcli.io.formats.geometry import PlyWriter
 from depthcli.models.card import ModelCard
 
@@ -288,3 +291,42 @@ def test_own_view_counts_where_the_camera_is_unknown(
     camera = intrinsics_of(card, black(40, 30), Intrinsics(**given))
     found = with_own_view(camera, own, 40)
     assert (found.source, found.focal_px) == (source, pytest.approx(focal_px))
+
+
+def camera_onnx(row: int, column: int) -> bytes:
+    """A network of an image and a camera matrix, whose depth is one number of the matrix."""
+    image = onnx.helper.make_tensor_value_info("image", 1, ["n", 1, "h", "w"])
+    camera = onnx.helper.make_tensor_value_info("intrinsics", 1, ["n", 3, 3])
+    depth = onnx.helper.make_tensor_value_info("depth", 1, ["n", 1, "h", "w"])
+    arrays = {"zero": np.float32(0), "shape": np.array([-1, 1, 1, 1])}
+    arrays |= {"row": np.array(row), "column": np.array(column)}
+    nodes = [
+        onnx.helper.make_node("Mul", ["image", "zero"], ["nothing"]),
+        onnx.helper.make_node("Gather", ["intrinsics", "row"], ["numbers"], axis=1),
+        onnx.helper.make_node("Gather", ["numbers", "column"], ["number"], axis=1),
+        onnx.helper.make_node("Reshape", ["number", "shape"], ["one"]),
+        onnx.helper.make_node("Add", ["nothing", "one"], ["depth"]),
+    ]
+    tensors = [onnx.numpy_helper.from_array(np.asarray(a), name) for name, a in arrays.items()]
+    graph = onnx.helper.make_graph(nodes, "camera", [image, camera], [depth], tensors)
+    opset = [onnx.helper.make_opsetid("", 17)]
+    return onnx.helper.make_model(graph, opset_imports=opset, ir_version=8).SerializeToString()
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "expected"),  # 40x30 pixels become 16x12
+    [(0, 0, 50 * 0.4), (1, 1, 50 * 1.5 * 0.4), (0, 2, 16 * 0.4 - 0.5), (1, 2, 20.5 * 0.4 - 0.5)],
+)
+def test_a_network_gets_the_camera_matrix_in_its_own_pixels(
+    tmp_path: Path, row: int, column: int, expected: float
+) -> None:
+    spec = {"input__camera_matrix": "intrinsics", "input__fit": "stretch"}
+    depth = {"output__scale": 1, "output__shift": 0, "output__min_m": 0.01, "output__max_m": 99.0}
+    folder = write_model(tmp_path, camera_onnx(row, column), camera=None, **spec, **depth)
+    pipeline = load(folder)
+    try_session(pipeline.session)
+    lens = Intrinsics(focal_px=50, centre_px=(15.5, 20.0), pixel_aspect=1.5)
+    values = pipeline.predict(black(40, 30), lens).depth.values
+    np.testing.assert_allclose(values, expected, rtol=1e-5)
+    with pytest.raises(InputError, match="needs the focal length"):
+        pipeline.predict(black(40, 30))

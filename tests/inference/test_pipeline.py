@@ -190,9 +190,9 @@ def test_images_of_one_size_run_together(tmp_path: Path, monkeypatch: pytest.Mon
     pipeline = load(write_model(tmp_path, input__fit="keep-aspect"))
     run, shapes = pipeline.session.outputs, []
 
-    def noted(batch: np.ndarray, prompts: list[np.ndarray | None]) -> RawOutputs:
+    def noted(batch: np.ndarray, *others: list[np.ndarray | None]) -> RawOutputs:
         shapes.append(batch.shape)
-        return run(batch, prompts)
+        return run(batch, *others)
 
     monkeypatch.setattr(pipeline.session, "outputs", noted)
     maps = predicted(pipeline, [gray(0), gray(51, 30, 54), gray(255), gray(0, 60, 80)])
