@@ -36,6 +36,7 @@ def probe(
     """
     from depthcli.cli import parse
     from depthcli.core.types import with_camera
+    from depthcli.io.formats.geometry import camera_of
     from depthcli.io.storage.paths import path_of
     from depthcli.jobs.inspect import AreaDepth, depth_at, depth_in, read_map, read_mask
 
@@ -52,8 +53,9 @@ def probe(
                 depths.append(depth_in(depth, (left, top, right, bottom)))
             case _:
                 depths.append(depth_in(depth, read_mask(str(area))))
-    for warning in stored.warnings_with_scale("from_scale"):
-        console.warn(warning)
+    console.warn_all(stored.warnings_with_scale("from_scale"))
+    if depth.is_metric and depth.provenance.focal_px:
+        console.warn_all(camera_of(depth)[1])
     unit = depth.unit
     for word, area, value in zip(places, areas, depths, strict=True):
         name = word if isinstance(area, str) else ",".join(map(str, area))
