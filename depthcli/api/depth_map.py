@@ -229,7 +229,7 @@ class DepthMap(types.DepthMap):
     def view(
         self,
         *,
-        stride: int = 1,
+        stride: int | None = None,
         max_depth_m: float | None = None,
         keep_edges: bool = False,
         focal_px: float | None = None,
@@ -237,8 +237,8 @@ class DepthMap(types.DepthMap):
     ) -> DepthPage:
         """A page with the map in three dimensions, which notebooks show; it works offline.
 
-        Options are those of :meth:`save`; more than 640×480 points are thinned if no stride is
-        given.
+        Options are those of :meth:`save`; more than 640×480 points are thinned if ``stride`` is
+        None.
 
         Raises:
             OutputError: the map has no metres, or no point within the limit.

@@ -281,6 +281,8 @@ def test_large_map_is_thinned_and_a_usual_one_is_below_3_mb() -> None:
     assert len(page) < 3_000_000
     large = DepthMap(cv2.resize(usual.values, (1920, 1440)), provenance=OF_PAGE)
     assert data_of(HtmlWriter(keep_edges=True).render(large)[0])["width"] == 640
+    full, _ = HtmlWriter(keep_edges=True, stride=1).render(large)
+    assert data_of(full)["width"] == 1920
 
 
 def shown_by_browser(page: Path, awaited: str) -> str:

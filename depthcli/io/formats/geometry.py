@@ -36,7 +36,7 @@ class SurfaceWriter(WriterOptions):
         surface = surface_of(
             depth,
             focal_px,
-            stride=self.stride,
+            stride=self.stride or 1,
             max_depth_m=self.max_depth_m,
             keep_edges=self.keep_edges,
             fill_edges=self._fills_edges,
@@ -125,7 +125,7 @@ class PlyWriter(SurfaceWriter):
         points["xyz_m"], points["normal"] = surface.xyz_m[valid], surface.normals()[valid]
         points["rgb"] = 255
         if frame is not None:
-            points["rgb"] = frame.pixels_8bit()[:: self.stride, :: self.stride][valid]
+            points["rgb"] = frame.pixels_8bit()[:: self.stride or 1, :: self.stride or 1][valid]
         return points
 
 
@@ -169,7 +169,7 @@ class GlbWriter(SurfaceWriter):
             # The middle of each point's pixel in the image, from 0 at the top left to 1.
             places = np.argwhere(surface.valid)
             places = np.concatenate([places, gaps.reshape(-1, 2)]) if len(gaps) else places
-            middles = (places * self.stride + 0.5)[:, ::-1]
+            middles = (places * (self.stride or 1) + 0.5)[:, ::-1]
             uv = (middles / (depth.width, depth.height)).astype(np.float32)
             attributes["TEXCOORD_0"] = buffer.add_array(uv, _VERTICES, "VEC2")
             document |= _texture(buffer, frame, name)
