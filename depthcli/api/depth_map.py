@@ -266,9 +266,10 @@ class DepthMap(types.DepthMap):
         """Write a file atomically; its suffix chooses the format.
 
         ``.png`` is 16 bit in millimetres, ``.preview.png`` a colour preview, ``.exr`` and ``.npy``
-        metres in float32, ``.ply`` a point cloud, ``.glb`` a mesh, ``.html`` a page to look at it,
-        ``.normals.png`` surface normals, ``.stereo.png`` a stereo pair, ``.json`` the metadata. If
-        a format cannot store something, such as depth beyond its range, a ``DepthcliWarning`` says.
+        metres in float32, ``.ply`` a point cloud, ``.glb`` and ``.usdz`` a mesh, ``.html`` a page
+        to look at it, ``.normals.png`` surface normals, ``.stereo.png`` a stereo pair, ``.json``
+        the metadata. If a format cannot store something, such as depth beyond its range, a
+        ``DepthcliWarning`` says.
 
         Args:
             path: the file; missing folders are created.
