@@ -177,15 +177,13 @@ def test_a_pipe_is_read_live_until_it_ends_or_ctrl_c(
     raw = ("--raw", "64x48:gray@30000/1001") if is_raw else ()
     words = ("video", "-", "--live", *raw, "-o", "out/", "--json", "--format", "mkv")
     process = cli.started(*words, "--format", "npy", stdin=subprocess.PIPE)
-    frames = [bytes([level]) * 64 * 48 for level in range(100)]
+    data = bytes(range(100)) * 64 * 48
     if not is_raw:
         levels = flat_frames(range(100))
-        clip = encode(tmp_path / "a.ts", levels, NTSC, "mpeg2video", "yuv420p").read_bytes()
-        frames = [clip[at : at + 2048] for at in range(0, len(clip), 2048)]
+        data = encode(tmp_path / "a.ts", levels, NTSC, "mpeg2video", "yuv420p").read_bytes()
     assert process.stdin is not None
-    for frame in frames:
-        process.stdin.write(frame)
-        process.stdin.flush()
+    process.stdin.write(data)
+    process.stdin.flush()
     wait_for(lambda: bool(list(cli.folder.glob("out/*.npy"))))
     if is_stopped:
         process.send_signal(signal.SIGINT)
