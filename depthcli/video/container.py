@@ -241,11 +241,10 @@ def live_stream(
     are files otherwise. UsageError if a file is to be live, or this system's cameras cannot be
     read.
     """
-    if name == "-":
+    if name == "-" and is_live:
         # Unbuffered, as a thread that waits for a buffer would keep the process from ending.
-        stream = getattr(sys.stdin.buffer, "raw", sys.stdin.buffer)
-        pipe = InputPipe(stream, raw)
-        return LiveStream(str(pipe), say=say, pipe=pipe) if is_live else None
+        pipe = InputPipe(getattr(sys.stdin.buffer, "raw", sys.stdin.buffer), raw)
+        return LiveStream(str(pipe), say=say, pipe=pipe)
     is_camera = _DEVICE.fullmatch(name) or (name.isdecimal() and not Path(name).exists())
     if is_camera:
         reader = _CAMERA_FORMATS.get(sys.platform)

@@ -12,7 +12,7 @@ import numpy as np
 from depthcli.core.arrays import Float32Array
 from depthcli.core.options import INSTALL_USD
 from depthcli.core.types import DepthMap, Frame
-from depthcli.errors import OutputError, UsageError, os_errors_as
+from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.geometry import Mesh, MeshWriter, texture_jpeg
 from depthcli.io.storage.temporary import NO_ROOM, temporary_folder
 from depthcli.io.stored.metadata import metadata_texts
@@ -33,25 +33,31 @@ class UsdzWriter(MeshWriter):
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write the mesh with the image on it, which the light of a scene does not change."""
         mesh, warnings = self.mesh(depth)
-        with temporary_folder() as folder, os_errors_as(OutputError, *NO_ROOM):
-            names = [_LAYER]
+        with temporary_folder() as folder:
             try:
-                stage = Usd.Stage.CreateNew(str(folder / _LAYER))
-                shape = _shape(stage, mesh)
-                stage.SetMetadata("customLayerData", metadata_texts(depth))
-                if frame is not None:
-                    (folder / _TEXTURE).write_bytes(texture_jpeg(frame))
-                    names.append(_TEXTURE)
-                    _cover(stage, shape, self.uv(mesh, depth))
-                stage.Save()
-                with Sdf.ZipFileWriter.CreateNew(str(folder / "depth.usdz")) as archive:
-                    for name in names:
-                        os.utime(folder / name, (_TIME_S, _TIME_S))
-                        archive.AddFile(str(folder / name), name)
-            except Tf.ErrorException as error:
+                archive = self._archive(folder, mesh, depth, frame)
+            except (OSError, Tf.ErrorException) as error:
                 raise OutputError(*NO_ROOM) from error
-            path.write_bytes((folder / "depth.usdz").read_bytes())
+            path.write_bytes(archive.read_bytes())
         return warnings
+
+    def _archive(self, folder: Path, mesh: Mesh, depth: DepthMap, frame: Frame | None) -> Path:
+        """The files of the mesh and of its texture, and both in an archive."""
+        files = [folder / _LAYER]
+        stage = Usd.Stage.CreateNew(str(folder / _LAYER))
+        shape = _shape(stage, mesh)
+        stage.SetMetadata("customLayerData", metadata_texts(depth))
+        if frame is not None:
+            files.append(folder / _TEXTURE)
+            files[-1].write_bytes(texture_jpeg(frame))
+            _cover(stage, shape, self.uv(mesh, depth))
+        stage.Save()
+        target = folder / "depth.usdz"
+        with Sdf.ZipFileWriter.CreateNew(str(target)) as archive:
+            for file in files:
+                os.utime(file, (_TIME_S, _TIME_S))
+                archive.AddFile(str(file), file.name)
+        return target
 
 
 def _shape(stage: Any, mesh: Mesh) -> Any:  # noqa: ANN401 - of pxr, which states no types
