@@ -18,6 +18,7 @@ PAGES = sorted(
     page.relative_to(ROOT)
     for place in ("*.md", "docs/**/*.md", "models/*.md")
     for page in ROOT.glob(place)
+    if "node_modules" not in page.parts
 )
 WORDS = 34_400
 """Most words of the pages in docs/ that are written by hand; for a new passage, shorten another."""

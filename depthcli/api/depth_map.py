@@ -235,7 +235,7 @@ class DepthMap(types.DepthMap):
     def view(
         self,
         *,
-        stride: int = 1,
+        stride: int | None = None,
         max_depth_m: float | None = None,
         keep_edges: bool = False,
         focal_px: float | None = None,
@@ -243,8 +243,8 @@ class DepthMap(types.DepthMap):
     ) -> DepthPage:
         """A page with the map in three dimensions, which notebooks show; it works offline.
 
-        Options are those of :meth:`save`; more than 640×480 points are thinned if no stride is
-        given.
+        Options are those of :meth:`save`; more than 640×480 points are thinned if ``stride`` is
+        None.
 
         Raises:
             OutputError: the map has no metres, or no point within the limit.
@@ -269,9 +269,10 @@ class DepthMap(types.DepthMap):
         """Write a file atomically; its suffix chooses the format.
 
         ``.png`` is 16 bit in millimetres, ``.preview.png`` a colour preview, ``.exr`` and ``.npy``
-        metres in float32, ``.ply`` a point cloud, ``.glb`` a mesh, ``.html`` a page to look at it,
-        ``.normals.png`` surface normals, ``.stereo.png`` a stereo pair, ``.json`` the metadata. If
-        a format cannot store something, such as depth beyond its range, a ``DepthcliWarning`` says.
+        metres in float32, ``.ply`` a point cloud, ``.glb`` and ``.usdz`` a mesh, ``.html`` a page
+        to look at it, ``.normals.png`` surface normals, ``.stereo.png`` a stereo pair, ``.json``
+        the metadata. If a format cannot store something, such as depth beyond its range, a
+        ``DepthcliWarning`` says.
 
         Args:
             path: the file, whose missing folders are created; or one that is open for writing and

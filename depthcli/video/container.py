@@ -215,26 +215,36 @@ _CAMERA_FORMATS = {"linux": "v4l2", "darwin": "avfoundation"}
 
 @dataclass(frozen=True, slots=True)
 class LiveStream:
-    """A camera or an address, which is read until it is stopped."""
+    """A camera, an address or a pipe, which is read until it is stopped."""
 
     address: str  #: what FFmpeg opens: an address, or a camera's device
     device_format: str | None = None  #: FFmpeg's reader of cameras; None for an address
     stop: threading.Event = field(default_factory=threading.Event)  #: ends the frames once set
     say: Callable[[str], object] = str  #: told, in another thread, when it is lost and found again
+    pipe: InputPipe | None = None  #: standard input, which is read instead; None for others
 
     def __str__(self) -> str:
         return safe_name(self.address)
 
 
 def live_stream(
-    name: str, *, is_live: bool = False, say: Callable[[str], object] = str
+    name: str,
+    *,
+    is_live: bool = False,
+    raw: RawVideo | None = None,
+    say: Callable[[str], object] = str,
 ) -> LiveStream | None:
     """The stream that an input's name stands for; None for a file.
 
     That is a camera by its number or device, and an address of RTSP or an HLS playlist; with
-    ``is_live``, any address of HTTP, which is a file otherwise. UsageError if a file is to be live,
-    or this system's cameras cannot be read.
+    ``is_live``, standard input (``-``, of frames as ``raw`` states) and any address of HTTP, which
+    are files otherwise. UsageError if a file is to be live, or this system's cameras cannot be
+    read.
     """
+    if name == "-" and is_live:
+        # Unbuffered, as a thread that waits for a buffer would keep the process from ending.
+        pipe = InputPipe(getattr(sys.stdin.buffer, "raw", sys.stdin.buffer), raw)
+        return LiveStream(str(pipe), say=say, pipe=pipe)
     is_camera = _DEVICE.fullmatch(name) or (name.isdecimal() and not Path(name).exists())
     if is_camera:
         reader = _CAMERA_FORMATS.get(sys.platform)
@@ -245,5 +255,5 @@ def live_stream(
     if _PLAYLIST.match(name) or (_ADDRESS.match(name) and (is_live or name[:4].lower() == "rtsp")):
         return LiveStream(name, say=say)
     if is_live:
-        raise UsageError(f"{safe_name(name)} is neither a camera nor an address", option="live")
+        raise UsageError(f"{safe_name(name)} is no camera, address or pipe", option="live")
     return None

@@ -14,7 +14,7 @@ from av.video.stream import VideoStream
 from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, UsageError
-from depthcli.video.container import STREAMED_FORMATS, LiveStream, video_streams
+from depthcli.video.container import STREAMED_FORMATS, LiveStream, open_video, video_streams
 from depthcli.video.converter import FrameConverter
 from depthcli.video.decoder import FrameDecoder
 from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, exact_rate
@@ -36,6 +36,8 @@ _NETWORK = {
 
 def _opened(stream: LiveStream, number: int | None) -> tuple[InputContainer, VideoStream]:
     """The container and its video stream; av.FFmpegError if it cannot be opened."""
+    if stream.pipe is not None:
+        return open_video(stream.pipe, number)
     options = _NETWORK if stream.device_format is None else {}
     timeouts = _TIMEOUT_S, _TIMEOUT_S
     container = av.open(
@@ -143,7 +145,8 @@ class LiveReader:
         """Read the stream until it is lost; True if it is over, as a recording or when stopped."""
         container, stream = _opened(self._stream, self._number)
         with container:
-            self.rate = exact_rate(stream.average_rate or 0) or FALLBACK_RATE
+            rate = stream.average_rate or stream.guessed_rate or 0  # the latter of raw frames
+            self.rate = exact_rate(rate) or FALLBACK_RATE
             self.pixel_aspect = stream.sample_aspect_ratio
             # HLS comes in parts of seconds, whose frames would be late all at once.
             clock = StreamClock(self._stream.stop) if container.format.name == _HLS else None
@@ -157,6 +160,9 @@ class LiveReader:
                     self.counts.reconnections += 1
                     self._stream.say(f"{self._stream} is back")
                 self._put(frame)
+            if self._stream.pipe is not None:
+                self._stream.pipe.check()
+                return True
             return container.duration is not None and not decoder.ended_early
 
     def _put(self, frame: VideoFrame) -> None:

@@ -3,6 +3,7 @@
 import json
 import signal
 import socket
+import subprocess
 import time
 from collections.abc import Callable, Iterable
 from http.server import BaseHTTPRequestHandler
@@ -166,6 +167,34 @@ def test_ctrl_c_completes_the_files(cli: Cli) -> None:
     steps = [step for name in names for step in DepthVideo(cli.folder / "out" / name).steps()]
     assert len(steps) == facts["frames"] == len(list(cli.folder.glob("out/*.npy")))
     assert facts["live"]["received"] >= facts["frames"] + facts["live"]["dropped"]
+
+
+@pytest.mark.parametrize("is_raw", [True, False], ids=["raw frames", "MPEG-TS"])
+@pytest.mark.parametrize("is_stopped", [True, False], ids=["Ctrl-C", "end of the pipe"])
+def test_a_pipe_is_read_live_until_it_ends_or_ctrl_c(
+    is_raw: bool, is_stopped: bool, cli: Cli, tmp_path: Path
+) -> None:
+    raw = ("--raw", "64x48:gray@30000/1001") if is_raw else ()
+    words = ("video", "-", "--live", *raw, "-o", "out/", "--json", "--format", "mkv")
+    process = cli.started(*words, "--format", "npy", stdin=subprocess.PIPE)
+    data = bytes(range(100)) * 64 * 48
+    if not is_raw:
+        levels = flat_frames(range(100))
+        data = encode(tmp_path / "a.ts", levels, NTSC, "mpeg2video", "yuv420p").read_bytes()
+    assert process.stdin is not None
+    process.stdin.write(data)
+    process.stdin.flush()
+    wait_for(lambda: bool(list(cli.folder.glob("out/*.npy"))))
+    if is_stopped:
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=50)  # while the pipe is open
+    output, said = process.communicate(timeout=50)
+    assert (process.returncode, said) == (0, b"")
+    facts = json.loads(output)
+    assert facts["fps"] == "30000/1001"
+    steps = list(DepthVideo(cli.folder / facts["outputs"][0]).steps())
+    assert len(steps) == facts["frames"] == len(list(cli.folder.glob("out/*.npy")))
+    assert facts["live"]["received"] == facts["frames"] + facts["live"]["dropped"] or is_stopped
 
 
 def free_port() -> int:

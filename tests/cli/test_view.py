@@ -1,5 +1,7 @@
 """``depthcli view``, and the formats of three dimensions in the other commands."""
 
+import re
+import sys
 from pathlib import Path
 
 import av
@@ -66,6 +68,22 @@ def test_each_format_is_written_by_predict_and_convert(inside: Cli, files: Path)
     inside("batch", ".", "--out", "out", "--format", "normals", "--format", "glb", code=0)
     assert {path.name for path in (files / "out").iterdir()} >= {"hall.normals.png", "hall.glb"}
     assert not (files / "out" / "hall.stereo.normals.png").exists()
+
+
+def test_usdz_without_its_package_names_the_extra(
+    inside: Cli, files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pxr", None)
+    monkeypatch.delitem(sys.modules, "depthcli.io.formats.usdz", raising=False)
+    write_image(files / "hall.png")
+    for words in (
+        ("convert", "d.npy", "d.usdz", "--hfov", "60"),
+        ("predict", "hall.png", "-o", "a.usdz"),
+        ("batch", ".", "--out", "out", "--format", "usdz"),
+    ):
+        done = inside(*words, code=2)
+        assert re.fullmatch(rb".*usd-core; pip install 'depthcli\[usd\]'\n", done.stderr), words
+    assert not list(files.rglob("*.usdz"))
 
 
 def test_video_is_a_stereo_video_and_numbered_normals(inside: Cli, files: Path) -> None:

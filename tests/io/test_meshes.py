@@ -4,6 +4,7 @@ import json
 import math
 import struct
 import tracemalloc
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +121,33 @@ def test_a_texture_is_at_most_8192_pixels_wide_and_named_as_the_image(tmp_path: 
     (mesh,) = scene.geometry.values()
     assert mesh.visual.material.baseColorTexture.size == (8192, 2)
     assert (list(scene.geometry), mesh.visual.material.name) == (["hall"], "hall")
+
+
+def test_a_usdz_is_the_mesh_of_the_glb_with_the_image_on_it(tmp_path: Path) -> None:
+    pxr, validation = pytest.importorskip("pxr"), pytest.importorskip("pxr.UsdValidation")
+    depth, path = box_before_wall(), tmp_path / "a.usdz"
+    mesh = written(tmp_path / "a.glb", depth, Frame(PIXELS), stride=2)
+    writer_of(Format.USDZ, WriterOptions(stride=2)).write(depth, path, Frame(PIXELS))
+    assert is_own(path)
+    stage = pxr.Usd.Stage.Open(str(path))
+    validators = validation.ValidationRegistry().GetOrLoadAllValidators()
+    assert not validation.ValidationContext(validators).Validate(stage)
+    assert pxr.UsdGeom.GetStageUpAxis(stage) == "Y"
+    assert pxr.UsdGeom.GetStageMetersPerUnit(stage) == 1
+    assert stage.GetRootLayer().customLayerData["model"] == "room"
+    prim = stage.GetDefaultPrim().GetChild("mesh")
+    names = ("points", "faceVertexIndices", "faceVertexCounts", "primvars:st")
+    values = {name: np.array(prim.GetAttribute(name).Get()) for name in names}
+    np.testing.assert_array_equal(values["points"], np.float32(mesh.vertices))
+    np.testing.assert_array_equal(values["faceVertexIndices"].reshape(-1, 3), mesh.faces)
+    assert (values["faceVertexCounts"] == 3).all()
+    np.testing.assert_allclose(values["primvars:st"], mesh.visual.uv, atol=1e-6)
+    with zipfile.ZipFile(path) as archive:
+        facts = [(file.filename, file.date_time[0]) for file in archive.infolist()]
+    assert facts == [("depthcli.usdc", 1985), ("depthcli.jpg", 1985)]  # the same in every run
+    material = pxr.UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
+    source = material.ComputeSurfaceSource()[0].GetInput("emissiveColor").GetConnectedSource()
+    assert source[0].GetPrim().GetAttribute("inputs:file").Get().path == "depthcli.jpg"
 
 
 def test_a_ply_has_normals_and_faces(tmp_path: Path) -> None:

@@ -281,21 +281,50 @@ def test_large_map_is_thinned_and_a_usual_one_is_below_3_mb() -> None:
     assert len(page) < 3_000_000
     large = DepthMap(cv2.resize(usual.values, (1920, 1440)), provenance=OF_PAGE)
     assert data_of(HtmlWriter(keep_edges=True).render(large)[0])["width"] == 640
+    full, _ = HtmlWriter(keep_edges=True, stride=1).render(large)
+    assert data_of(full)["width"] == 1920
+
+
+def shown_by_browser(page: Path, awaited: str) -> str:
+    """The page's elements once they have these characters, or the last ones without."""
+    quiet = ("--disable-background-networking", "--disable-component-update", "--disable-sync")
+    command = [
+        *(str(BROWSER), "--headless", "--no-sandbox", "--no-first-run", *quiet),
+        *("--enable-unsafe-swiftshader", "--virtual-time-budget=20000", "--dump-dom"),
+        *(f"--user-data-dir={page.parent / 'browser'}", page.as_uri()),
+    ]
+    shown = ""
+    for _ in range(3):  # on a busy machine, its virtual time can end before the page has run
+        shown = subprocess.run(
+            command, capture_output=True, check=False, timeout=120, text=True
+        ).stdout
+        if awaited in shown:
+            break
+    return shown
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine")
 def test_browser_shows_every_point(tmp_path: Path) -> None:
     depth = made()
     HtmlWriter(keep_edges=True).write(depth, tmp_path / "a.html")
-    quiet = ("--disable-background-networking", "--disable-component-update", "--disable-sync")
-    command = [
-        *(str(BROWSER), "--headless", "--no-sandbox", "--no-first-run", *quiet),
-        *("--enable-unsafe-swiftshader", "--virtual-time-budget=20000", "--dump-dom"),
-        *(f"--user-data-dir={tmp_path / 'browser'}", (tmp_path / "a.html").as_uri()),
-    ]
-    wanted = f'data-points="{depth.valid.sum()}"'
-    for _ in range(3):  # on a busy machine, its virtual time can end before the page has run
-        done = subprocess.run(command, capture_output=True, check=False, timeout=120, text=True)
-        if wanted in done.stdout:
-            break
-    assert wanted in done.stdout
+    points = f'data-points="{depth.valid.sum()}"'
+    assert points in shown_by_browser(tmp_path / "a.html", points)
+
+
+PRESS_KEYS = """<script type="module">
+while (!document.body.dataset.points) await new Promise((done) => setTimeout(done, 20));
+const views = ["r", "ArrowLeft", "+", "-", "ArrowRight", "ArrowUp", "?"].map((key) => {
+  dispatchEvent(new KeyboardEvent("keydown", { key }));
+  return document.getElementById("view").toDataURL();
+});
+document.body.dataset.views = views.map((view) => views.indexOf(view)).join(" ");
+</script>"""
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine")
+def test_keys_orbit_zoom_and_show_their_list(tmp_path: Path) -> None:
+    page, _ = HtmlWriter(keep_edges=True).render(made())
+    (tmp_path / "a.html").write_text(page.replace("</body>", f"{PRESS_KEYS}</body>"), "utf-8")
+    shown = shown_by_browser(tmp_path / "a.html", "data-views")
+    assert 'data-views="0 1 2 1 0 5 5"' in shown
+    assert ('id="list"' in shown, "hidden" in shown.partition('id="list"')[2][:40]) == (True, False)

@@ -79,8 +79,8 @@ class FrameOptions:
         metavar="RATE",
     )
     live: bool = groups.option(
-        "Read FILE as an endless stream, always its newest frame, until Ctrl-C. Default: for "
-        "cameras, rtsp:// and .m3u8.",
+        "Read FILE (http(s):// or '-') as an endless stream, always its newest frame, until "
+        "Ctrl-C. Default: for cameras, rtsp:// and .m3u8.",
         default=False,
     )
     raw: str | None = groups.option(
@@ -151,7 +151,7 @@ def video(
         ...,
         metavar="FILE",
         help="Input video, '-' for stdin; an image sequence: a pattern (plate.%04d.exr) or a "
-        "folder; or a live stream: a camera (0), rtsp:// or, with --live, http(s)://.",
+        "folder; or a live stream: a camera (0), rtsp:// or, with --live, http(s):// and '-'.",
     ),
     *,
     output: OutputOptions,
@@ -189,7 +189,8 @@ def video(
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     destination = video_destination(output.out, output.formats or (), sidecar=output.sidecar)
     say = (lambda _text: None) if screen.quiet else console.warn
-    stream = None if file == STDIO else live_stream(file, is_live=frames.live, say=say)
+    raw = None if frames.raw is None else parse_raw(frames.raw)
+    stream = live_stream(file, is_live=frames.live, raw=raw, say=say)
     look_ahead = detail.look_ahead
     if look_ahead is None:
         look_ahead = LOOK_AHEAD if stream is None else 0  # a stream is shown as it comes
@@ -224,7 +225,7 @@ def video(
         settings=settings,
         workers=workers,
         live=stream,
-        raw=None if frames.raw is None else parse_raw(frames.raw),
+        raw=raw,
         page=page,
     )
     if not screen.quiet:

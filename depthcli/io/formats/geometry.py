@@ -5,12 +5,13 @@ import math
 import struct
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from depthcli.core.arrays import Float32Array
 from depthcli.core.camera import CameraSource, focal_px_of_crop, focal_px_of_hfov, hfov_deg
 from depthcli.core.options import one_line
 from depthcli.core.surface import Surface, surface_of
@@ -36,7 +37,7 @@ class SurfaceWriter(WriterOptions):
         surface = surface_of(
             depth,
             focal_px,
-            stride=self.stride,
+            stride=self.stride or 1,
             max_depth_m=self.max_depth_m,
             keep_edges=self.keep_edges,
             fill_edges=self._fills_edges,
@@ -125,7 +126,7 @@ class PlyWriter(SurfaceWriter):
         points["xyz_m"], points["normal"] = surface.xyz_m[valid], surface.normals()[valid]
         points["rgb"] = 255
         if frame is not None:
-            points["rgb"] = frame.pixels_8bit()[:: self.stride, :: self.stride][valid]
+            points["rgb"] = frame.pixels_8bit()[:: self.stride or 1, :: self.stride or 1][valid]
         return points
 
 
@@ -140,46 +141,65 @@ _NEAR_M = 0.01
 _ALIGNMENT = 4
 
 
-class GlbWriter(SurfaceWriter):
-    """Metres: x right, y up, the camera at the origin looks along -z."""
+class Mesh(NamedTuple):
+    """Triangles in metres: x right, y up, z backwards."""
+
+    xyz_m: Float32Array  #: (N, 3) vertices
+    faces: npt.NDArray[np.uint32]  #: (M, 3) numbers of vertices, counterclockwise to the camera
+    places: npt.NDArray[np.intp]  #: (N, 2) row and column of each in the thinned map
+
+
+class MeshWriter(SurfaceWriter):
+    """Triangles between neighbours, cut along edges of depth.
+
+    Where they are cut, the farther surface goes on as far as the camera sees it.
+    """
 
     _fills_edges = True  # which the camera would see as a black outline
 
-    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
-        """Write triangles between neighbours, cut along edges of depth, with the image on them.
-
-        Where they are cut, the farther surface goes on as far as the camera sees it.
-        """
+    def mesh(self, depth: DepthMap) -> tuple[Mesh, tuple[Message, ...]]:
+        """The triangles of a map by its camera, and warnings about that."""
         surface, warnings = self.surface(depth)
         surface = self.joined(surface)
         xyz_m, faces, (gaps, gaps_m) = surface.xyz_m[surface.valid], surface.faces(), surface.gaps()
+        places = np.argwhere(surface.valid)
         if len(gaps):
             first = np.arange(len(xyz_m), len(xyz_m) + 4 * len(gaps), 4, dtype=np.uint32)
             two = first[:, np.newaxis] + np.array([0, 2, 1, 1, 2, 3], np.uint32)
             faces = np.concatenate([faces, two.reshape(-1, 3)])
             xyz_m = np.concatenate([xyz_m, gaps_m.reshape(-1, 3)])
+            places = np.concatenate([places, gaps.reshape(-1, 2)])
         xyz_m *= np.array([1, -1, -1], np.float32)
+        return Mesh(xyz_m, faces, places), warnings
+
+    def uv(self, mesh: Mesh, depth: DepthMap) -> Float32Array:
+        """The middle of each vertex's pixel in the image, (N, 2), from 0 at the top left to 1."""
+        middles = (mesh.places * (self.stride or 1) + 0.5)[:, ::-1]
+        return (middles / (depth.width, depth.height)).astype(np.float32)
+
+
+class GlbWriter(MeshWriter):
+    """Metres: x right, y up, the camera at the origin looks along -z."""
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write the mesh with the image on it."""
+        mesh, warnings = self.mesh(depth)
         buffer, name = _Buffer(), frame.path.stem if frame and frame.path else "depth"
-        attributes = {"POSITION": buffer.add_array(xyz_m, _VERTICES, "VEC3", ends=True)}
-        indices = buffer.add_array(faces.reshape(-1), _INDICES, "SCALAR")
+        attributes = {"POSITION": buffer.add_array(mesh.xyz_m, _VERTICES, "VEC3", ends=True)}
+        indices = buffer.add_array(mesh.faces.reshape(-1), _INDICES, "SCALAR")
         document: dict[str, Any] = {"asset": {"generator": SOFTWARE, "version": "2.0"}}
         if frame is None:
             material: dict[str, Any] = {"doubleSided": True}
         else:
-            # The middle of each point's pixel in the image, from 0 at the top left to 1.
-            places = np.argwhere(surface.valid)
-            places = np.concatenate([places, gaps.reshape(-1, 2)]) if len(gaps) else places
-            middles = (places * self.stride + 0.5)[:, ::-1]
-            uv = (middles / (depth.width, depth.height)).astype(np.float32)
-            attributes["TEXCOORD_0"] = buffer.add_array(uv, _VERTICES, "VEC2")
+            attributes["TEXCOORD_0"] = buffer.add_array(self.uv(mesh, depth), _VERTICES, "VEC2")
             document |= _texture(buffer, frame, name)
             material = _UNLIT
-        mesh = {"attributes": attributes, "indices": indices, "material": 0}
+        primitive = {"attributes": attributes, "indices": indices, "material": 0}
         document |= {
             "scene": 0,
             "scenes": [{"name": name, "nodes": [0]}],
             "nodes": [{"name": name, "mesh": 0, "extras": metadata_texts(depth)}],
-            "meshes": [{"name": name, "primitives": [mesh]}],
+            "meshes": [{"name": name, "primitives": [primitive]}],
             "materials": [{"name": name, **material}],
             **buffer.tables(),
         }
@@ -246,18 +266,22 @@ def _camera(depth: DepthMap) -> dict[str, Any]:
     return {"name": "camera", "type": "perspective", "perspective": perspective}
 
 
-def _texture(buffer: _Buffer, frame: Frame, name: str) -> dict[str, Any]:
-    """The entries of the image as a texture, no larger than graphics cards take."""
+def texture_jpeg(frame: Frame) -> bytes:
+    """The image as JPEG, no larger than graphics cards take."""
     bgr = np.ascontiguousarray(frame.pixels_8bit()[..., ::-1])
     share = _MOST_TEXTURE_PX / max(frame.width, frame.height)
     if share < 1:
         size = [max(1, round(side * share)) for side in (frame.width, frame.height)]
         bgr = np.asarray(cv2.resize(bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
-    jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
-    clamped = 33071
+    return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+
+
+def _texture(buffer: _Buffer, frame: Frame, name: str) -> dict[str, Any]:
+    """The entries of the image as a texture."""
+    view, clamped = buffer.add_bytes(texture_jpeg(frame)), 33071
     return {
         "extensionsUsed": ["KHR_materials_unlit"],
-        "images": [{"name": name, "bufferView": buffer.add_bytes(jpeg), "mimeType": "image/jpeg"}],
+        "images": [{"name": name, "bufferView": view, "mimeType": "image/jpeg"}],
         "samplers": [{"wrapS": clamped, "wrapT": clamped}],
         "textures": [{"source": 0, "sampler": 0}],
     }

@@ -21,7 +21,7 @@ from depthcli.io.stored.metadata import SOFTWARE
 _HERE = Path(__file__).parent
 _STEPS = 2**16 - 2
 _JPEG_QUALITY = 90
-_MAX_POINTS = 640 * 480  # points of a page for which the stride is 1, if none is given
+_MAX_POINTS = 640 * 480  # of a page, if no stride is given
 
 
 class HtmlWriter(SurfaceWriter):
@@ -35,9 +35,7 @@ class HtmlWriter(SurfaceWriter):
 
     def render(self, depth: DepthMap, frame: Frame | None = None) -> tuple[str, tuple[str, ...]]:
         """The text of the page, and warnings; a large map is thinned if no stride is given."""
-        stride = self.stride
-        if stride == 1:
-            stride = math.ceil(math.sqrt(depth.values.size / _MAX_POINTS))
+        stride = self.stride or math.ceil(math.sqrt(depth.values.size / _MAX_POINTS))
         surface, warnings = replace(self, stride=stride).surface(depth)
         pixels = PreviewWriter().render(depth) if frame is None else frame.pixels_8bit()
         bgr = np.ascontiguousarray(pixels[::stride, ::stride, ::-1])

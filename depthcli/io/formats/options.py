@@ -128,7 +128,11 @@ class RangeOptions:
 class SurfaceOptions:
     """Points and meshes."""
 
-    stride: int = _option("Use only every N-th pixel of every N-th row.", default=1, rule=_STRIDE)
+    stride: int | None = _option(
+        "Use only every N-th pixel of every N-th row. Default: 1, but html is thinned to about "
+        "640x480 points.",
+        rule=_STRIDE,
+    )
     max_depth_m: float | None = _option("Leave out what is farther, in metres.", rule=POSITIVE)
     keep_edges: bool = _option(
         "Keep pixels and triangles at edges, which are smeared between near and far.", default=False
@@ -173,7 +177,7 @@ class WriterOptions(
             raise UsageError("vmin and vmax have to be numbers, not nan")
         if self.vmin is not None and self.vmax is not None and self.vmin > self.vmax:
             raise UsageError(f"vmin {self.vmin:g} is above vmax {self.vmax:g}; swap them")
-        if not _STRIDE.holds(self.stride):
+        if self.stride is not None and not _STRIDE.holds(self.stride):
             raise UsageError(f"a stride of {self.stride} is not {_STRIDE.what}", option="stride")
 
 

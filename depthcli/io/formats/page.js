@@ -6,6 +6,8 @@ const $ = (id) => document.getElementById(id);
 const data = JSON.parse($("data").textContent);
 const PICK_PX = 7;
 const CLICK_PX = 4; // the pointer moves less in a click
+const KEY_TURN = Math.PI / 36;
+const KEY_ZOOM = 1.1;
 
 function bytesOf(base64) {
   return Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
@@ -190,15 +192,40 @@ function toggle(id, shown) {
   draw();
 }
 
+// Angles in radians; a zoom above 1 is nearer.
+function orbit(right, up, zoom = 1) {
+  const offset = new THREE.Spherical().setFromVector3(camera.position.clone().sub(controls.target));
+  offset.set(offset.radius / zoom, offset.phi - up, offset.theta + right).makeSafe();
+  camera.position.setFromSpherical(offset).add(controls.target);
+  controls.update();
+  draw();
+}
+
 const actions = {
   reset: () => { reset(); draw(); },
   points: () => { cloud.visible = !cloud.visible; mesh.visible = !cloud.visible; toggle("points", cloud.visible); },
   grid: () => { grid.visible = !grid.visible; toggle("grid", grid.visible); },
+  keys: () => { $("list").hidden = !$("list").hidden; toggle("keys", !$("list").hidden); },
+};
+const byKey = {
+  r: actions.reset,
+  p: actions.points,
+  g: actions.grid,
+  "?": actions.keys,
+  arrowleft: () => orbit(-KEY_TURN, 0),
+  arrowright: () => orbit(KEY_TURN, 0),
+  arrowup: () => orbit(0, KEY_TURN),
+  arrowdown: () => orbit(0, -KEY_TURN),
+  "+": () => orbit(0, 0, KEY_ZOOM),
+  "=": () => orbit(0, 0, KEY_ZOOM), // + without Shift
+  "-": () => orbit(0, 0, 1 / KEY_ZOOM),
 };
 for (const [id, act] of Object.entries(actions)) $(id).addEventListener("click", act);
 addEventListener("keydown", (event) => {
-  const id = Object.keys(actions).find((name) => name[0] === event.key.toLowerCase());
-  if (id && !event.ctrlKey && !event.metaKey) actions[id]();
+  const act = byKey[event.key.toLowerCase()];
+  if (!act || event.ctrlKey || event.metaKey || event.altKey) return;
+  event.preventDefault();
+  act();
 });
 
 let pressed = null;

@@ -128,6 +128,7 @@ class Format(StrEnum):
     PREVIEW = "preview", _image("preview:PreviewWriter", ".preview.png", None, _PNG_MARK, _COLOURS)
     PLY = "ply", _scene("geometry:PlyWriter", ".ply", ".ply", _PLY_MARK, _PLY)
     GLB = "glb", _scene("geometry:GlbWriter", ".glb", ".glb", b'"generator":"depthcli ', _SURFACE)
+    USDZ = "usdz", _scene("usdz:UsdzWriter", ".usdz", ".usdz", b"depthcli.usdc", _SURFACE)
     HTML = "html", _scene("html:HtmlWriter", ".html", ".html", _HTML_MARK, _SURFACE)
     NORMALS = "normals", _stated("geometry:NormalsWriter", ".normals.png", None, _PNG_MARK)
     NORMALS_EXR = "normals-exr", _plate("exr:NormalsExrWriter", ".normals.exr", None, EXR_MARK)
