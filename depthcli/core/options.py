@@ -90,6 +90,13 @@ GPU_BATCH = 8  #: batch size of the network on other providers than the CPU
 MAX_PIXELS = 250_000_000  #: larger images are refused, unless another limit is given
 
 
+class SceneLayout(StrEnum):
+    """Programs that reconstruct a scene, whose names of depth files are used."""
+
+    GSPLAT = "3dgs"  #: 3D Gaussian splatting: inverse depth in ``a.png``
+    COLMAP = "colmap"  #: dense maps in ``a.jpg.geometric.bin``
+
+
 class DepthFit(StrEnum):
     """How depth is fitted to known points."""
 

@@ -7,13 +7,13 @@ from contextlib import closing, nullcontext
 from dataclasses import replace
 from itertools import chain
 from threading import Event
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 from depthcli.cli import options as groups
 from depthcli.cli.groups import Given, group
-from depthcli.core.options import GPU_BATCH
+from depthcli.core.options import GPU_BATCH, SceneLayout
 from depthcli.errors import ExitCode, UsageError, os_errors_as
 from depthcli.io.formats.table import Format
 
@@ -47,6 +47,15 @@ class OutputOptions:
     sidecar: groups.SidecarOption = False
     overwrite: groups.OverwriteOption = False
     dry_run: bool = groups.usual("Show what would be done without writing anything.", default=False)
+    layout: SceneLayout | None = groups.option(
+        "Write what a program for scenes reads: 3dgs (inverse depth in a.png, with "
+        "depth_params.json) or colmap (a.jpg.geometric.bin for stereo/depth_maps). Needs "
+        "--anchors in the scene's unit, such as sparse/0."
+    )
+    transforms: str | None = groups.option(
+        "transforms.json of nerfstudio, of which a copy in OUT gets depth_file_path.",
+        metavar="FILE",
+    )
 
 
 @group
@@ -155,8 +164,9 @@ def batch(
     from depthcli.cli import parse
     from depthcli.cli.screen import console
 
-    formats = (*(output.formats or (Format.PNG16,)), *([Format.JSON] if output.sidecar else ()))
     how = parse.map_options(camera, anchors, read, detail, writing, is_folder=True)
+    chosen = _scene_formats(output, how) or output.formats or (Format.PNG16,)
+    formats = (*chosen, *([Format.JSON] if output.sidecar else ()))
     changed = _changes(folder, output.out, inputs, camera.cameras)
     plan = _plan(folder, output.out, inputs, camera.cameras)
     loader = _loader(engine, model)
@@ -166,6 +176,7 @@ def batch(
     # Imported while the model loads.
     from depthcli.cli.process import graceful_shutdown
     from depthcli.cli.screen import results
+    from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
     from depthcli.jobs.batch.tasks import BatchOptions
 
@@ -173,6 +184,8 @@ def batch(
         formats=tuple(dict.fromkeys(formats)),
         overwrite=output.overwrite,
         column=inputs.column,
+        layout=output.layout,
+        transforms=path_of(output.transforms) if output.transforms else None,
         **how,
     )
     on_gpu = engine.is_ray and engine.gpus_per_worker  # this machine need not have it
@@ -208,6 +221,22 @@ def batch(
                 results.run_batch(job, each, stop, screen)
         stop.check()
     return ExitCode.SOME_FAILED if job.tally.failures else ExitCode.OK
+
+
+def _scene_formats(output: OutputOptions, how: dict[str, Any]) -> tuple[Format, ...]:
+    """The formats of a layout, whose options are set; none without a layout."""
+    if output.transforms and (output.layout or how["writing"].is_normalized):
+        raise UsageError("", "{transforms} needs depth, not inverse: give it without {layout}")
+    if output.transforms and Format.PNG16 not in (output.formats or [Format.PNG16]):
+        raise UsageError("", "{transforms} needs {format} png16")
+    if output.layout is None:
+        return ()
+    if output.formats or not how["anchors"]:
+        raise UsageError("", "{layout} is for {anchors}, and without {format}, which it chooses")
+    from depthcli.jobs.batch.scene import format_of, writing_for
+
+    how["writing"] = writing_for(output.layout, how["writing"])
+    return (format_of(output.layout),)
 
 
 def _changes(

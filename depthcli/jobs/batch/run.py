@@ -23,6 +23,7 @@ from depthcli.io.storage.paths import local_copy, read_bytes, safe_name
 from depthcli.io.storage.temporary import remove_stale
 from depthcli.jobs.batch.engine import Engine, LocalEngine, process_count
 from depthcli.jobs.batch.plan import BatchPlan, holds_many
+from depthcli.jobs.batch.scene import check_tables, write_tables
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask, TaskBuilder
 from depthcli.jobs.batch.workers import WorkerSpec, video_checksum
 
@@ -109,9 +110,11 @@ class Batch(Iterator[BatchResult]):
         focal = () if options.anchors else focal_warnings(session.model.card, camera)
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
         self._plan = plan
-        TaskBuilder(plan, options.formats).check_conflicts()
+        TaskBuilder(plan, options.formats, None, options.layout).check_conflicts()
+        self._tables = options.layout, options.transforms, plan.out
+        check_tables(*self._tables, overwrite=options.overwrite)
         self._journal: Journal | None = Journal(plan.out, plan.shard, plan.names.names)
-        self._tasks = TaskBuilder(plan, options.formats, self._journal)
+        self._tasks = TaskBuilder(plan, options.formats, self._journal, options.layout)
         self.manifest = self._journal.manifest
         self._remove_stale()  # of killed runs, which may fill the disk
         self.warnings = (*plan.warnings, *options.camera.warnings, *session.warnings, *focal)
@@ -165,6 +168,7 @@ class Batch(Iterator[BatchResult]):
         for result in self.late:
             self.tally.add(result)
         journal.finish(names, keep_failed=self._plan.is_part)
+        write_tables(*self._tables, known_rows(self._plan.out))
         self._remove_stale()  # of this run: workers of a cluster can be killed
 
     def _remove_stale(self) -> None:
@@ -185,10 +189,10 @@ class DryRunResult:
 def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRunResult]:
     """Yield the plan for each input, in order; UsageError if an output would replace an input."""
     plan, options = request.plan, request.options
-    TaskBuilder(plan, options.formats).check_conflicts()
+    TaskBuilder(plan, options.formats, None, options.layout).check_conflicts()
     key = WorkerSpec(request.model, session.model.sha256, options, plan.out).key(session)
     rows = known_rows(plan.out, plan.shard, plan.names.names)
-    tasks = TaskBuilder(plan, options.formats, rows)
+    tasks = TaskBuilder(plan, options.formats, rows, options.layout)
     return (_dry_run_of(tasks.task(file), request, key) for file in plan.inputs)
 
 

@@ -8,9 +8,10 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from depthcli.core.camera import Intrinsics
+from depthcli.core.options import SceneLayout
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io import manifest
@@ -29,6 +30,9 @@ from depthcli.known.points import KnownDepth
 from depthcli.known.sources import read_file
 from depthcli.video.formats import COUNTERPARTS, VideoFormat
 
+if TYPE_CHECKING:
+    from depthcli.core.types import Frame
+
 
 @dataclass(frozen=True, slots=True)
 class BatchOptions(MapOptions):
@@ -37,6 +41,8 @@ class BatchOptions(MapOptions):
     formats: tuple[Format, ...] = (Format.PNG16,)  #: output formats, each once
     column: str | None = None  #: of archives, the one with the images; None for the only one
     overwrite: bool = False  #: whether outputs may replace files of other programs
+    layout: SceneLayout | None = None  #: whose names outputs have; None for those of depthcli
+    transforms: Path | None = None  #: nerfstudio's file, a copy of which states the depth
 
     def points_for(self, task: BatchTask) -> KnownDepth | None:
         """The known depth of an image; None if there is none for any, InputError for this one."""
@@ -48,6 +54,14 @@ class BatchOptions(MapOptions):
             raise InputError(f"{file} is its known depth", "choose another {out}")
         source = replace(source, camera=source.camera.of_image(task.intrinsics))
         return replace(read_file(file, source), fit=self.anchors_fit)
+
+    def read(self, path: Path | None, data: bytes | None, name: str = "standard input") -> Frame:
+        """An image, as in other commands; InputError if programs for scenes see it turned."""
+        frame = MapOptions.read(self, path, data, name)
+        if frame.orientation != 1 and (self.layout or self.transforms):
+            problem = "its EXIF turns the image, which programs for scenes ignore"
+            raise InputError(problem, "remove it: exiftool -Orientation= FILE")
+        return frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,13 +179,17 @@ class TaskBuilder:
     """Makes the task of each input of a batch."""
 
     def __init__(
-        self, plan: BatchPlan, formats: Iterable[Format], rows: Rows | None = None
+        self,
+        plan: BatchPlan,
+        formats: Iterable[Format],
+        rows: Rows | None = None,
+        layout: SceneLayout | None = None,
     ) -> None:
-        """Begin with the formats of images, and the rows of earlier batches.
+        """Begin with the formats of images, the rows of earlier batches, and whose names to use.
 
         Videos get the counterparts of these formats, archives hold them.
         """
-        chosen = tuple(formats)
+        chosen, self._layout = tuple(formats), layout
         videos = tuple(COUNTERPARTS[format_] for format_ in chosen if format_ in COUNTERPARTS)
         self._plan, self._rows = plan, rows or Rows(())
         self._images = Destination(Kind.FOLDER, plan.out, chosen)
@@ -184,6 +202,10 @@ class TaskBuilder:
         if is_video(file.name):
             return self._videos.outputs(base)
         outputs = self._images.outputs(base)
+        if self._layout is SceneLayout.GSPLAT:
+            return outputs | {Format.PNG16: base.with_name(f"{base.name}.png")}
+        if self._layout is SceneLayout.COLMAP:
+            return outputs | {Format.COLMAP: self._plan.out / f"{file.name}.geometric.bin"}
         if not is_archive(file.name):
             return outputs
         return {next(iter(outputs)): base.with_name(f"{base.name}.depth{Path(file.name).suffix}")}
