@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 import traceback
 from collections.abc import Sequence
 from typing import Any
@@ -160,14 +162,14 @@ def load_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
                 rich_help_panel=USUAL,
             )
         )
-    _add_debug(command)
+    _add_common(command)
     return command
 
 
-def _add_debug(command: Any) -> None:  # noqa: ANN401 - typer's own types
-    """Add the option ``--debug`` to a command and to its subcommands."""
+def _add_common(command: Any) -> None:  # noqa: ANN401 - typer's own types
+    """Add ``--debug``, ``--verbose`` and ``--progress`` to a command and to its subcommands."""
     for child in getattr(command, "commands", {}).values():
-        _add_debug(child)
+        _add_common(child)
     for parameter in command.params:
         if isinstance(parameter.type, TyperPath) and parameter.callback is None:
             parameter.callback = _refuse_uris
@@ -177,15 +179,51 @@ def _add_debug(command: Any) -> None:  # noqa: ANN401 - typer's own types
             )
     if hasattr(command, "commands") or any("--debug" in p.opts for p in command.params):
         return
-    command.params.append(
+    flag: dict[str, Any] = {"is_flag": True, "default": False, "expose_value": False}
+    is_quiet = any("--quiet" in parameter.opts for parameter in command.params)
+    shows_progress = is_quiet and command.name != "serve"
+    command.params += [
+        *[_progress_option()] * shows_progress,
         TyperOption(
-            param_decls=["--debug"],
-            is_flag=True,
-            default=False,
-            expose_value=False,
-            help="Show the traceback of an error.",
-        )
+            param_decls=["-v", "--verbose"],
+            **flag,
+            callback=_log,
+            help="Log what is done to stderr; DEPTHCLI_LOG=debug does so, too.",
+        ),
+        TyperOption(param_decls=["--debug"], **flag, help="Show the traceback of an error."),
+    ]
+
+
+def _progress_option() -> TyperOption:
+    return TyperOption(
+        param_decls=["--progress"],
+        metavar="<auto|json>",
+        default="auto",
+        expose_value=False,
+        callback=_set_progress,
+        help="Progress as a bar or lines (auto), or as JSON lines on stderr, for programs.",
     )
+
+
+def _set_progress(_context: Any, _parameter: Any, value: str) -> None:  # noqa: ANN401 - typer's own
+    if value not in {"auto", "json"}:
+        raise UsageError(f"{value!r} is neither auto nor json", option="progress")
+    console.SETTINGS["progress"] = value
+
+
+def _log(_context: Any, _parameter: Any, verbose: bool) -> None:  # noqa: ANN401 - typer's own
+    """Print the log of depthcli to standard error, at the level of ``DEPTHCLI_LOG`` or all."""
+    level = "DEBUG" if verbose else os.environ.get("DEPTHCLI_LOG", "").upper()
+    if level:
+        import logging
+
+        if level not in logging.getLevelNamesMapping():
+            raise UsageError(f"DEPTHCLI_LOG is a level such as debug or info, not {level.lower()}")
+        handler = logging.StreamHandler(sys.stderr)
+        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+        logger = logging.getLogger("depthcli")
+        logger.handlers = [handler]
+        logger.setLevel(level)
 
 
 def _refuse_uris(_ctx: Any, parameter: Any, value: Any) -> Any:  # noqa: ANN401 - typer's own types

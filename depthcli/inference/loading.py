@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from depthcli.inference.session import Session
+
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +62,9 @@ class SessionLoader:
                 loaded.warnings = warnings
             if self.model is None:  # an int8 network, which not all providers run well
                 loaded.load_known_depth = SessionLoader(KNOWN_DEPTH_MODEL, CPU, self.threads).load
+            card, threads = loaded.model.card, self.threads or "all"
+            facts = card.name, card.version, loaded.model.path, loaded.provider, threads
+            _LOG.info("model %s %s from %s on %s, %s threads", *facts)
             return loaded
 
         return Background(session)

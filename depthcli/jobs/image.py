@@ -4,6 +4,8 @@
 :class:`ImageJob`; they differ in where images come from, and in what a failure ends.
 """
 
+import logging
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +29,8 @@ from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.io.stored.metadata import known_depth_fields, origin_fields
 from depthcli.known.points import KnownDepth
+
+_LOG = logging.getLogger(__name__)
 
 Target: TypeAlias = Path | BinaryIO
 """Where an output goes: a file, which a guard has checked, or a stream."""
@@ -69,7 +73,10 @@ class ImageJob:
             ModelError: the network failed.
             OutputError: an output cannot be written.
         """
-        return self._finish(task, self.pipeline.predict(task.frame, task.camera, task.points))
+        begin_s = time.perf_counter()
+        prediction = self.pipeline.predict(task.frame, task.camera, task.points)
+        _log(task, "depth", begin_s)
+        return self._finish(task, prediction)
 
     def run_many(self, tasks: Sequence[ImageTask]) -> list[ImageResult | Exception]:
         """Do as :meth:`run` for several images, with one run of the network for those of a size.
@@ -97,10 +104,18 @@ class ImageJob:
         frame, depth = task.frame, prediction.depth
         shared = () if task.points else focal_warnings(self.pipeline.card, task.camera)
         warnings = [*frame.warnings, *prediction.warnings, *shared]
+        begin_s = time.perf_counter()
         for format_, target in task.outputs.items():
             warnings += write_output(self.writing, format_, depth, frame, target)
+        _log(task, f"{len(task.outputs)} outputs", begin_s)
         displayed = displayed_depth(depth, frame.windows)
         return ImageResult(displayed, depth, tuple(dict.fromkeys(warnings)), shared)
+
+
+def _log(task: ImageTask, what: str, begin_s: float) -> None:
+    frame, seconds = task.frame, time.perf_counter() - begin_s
+    facts = frame.path or "an image", frame.width, frame.height, what, seconds
+    _LOG.debug("%s (%d×%d): %s in %.3f s", *facts)
 
 
 def write_output(

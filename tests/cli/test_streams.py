@@ -1,5 +1,6 @@
 """Standard streams, progress, signals and exit codes."""
 
+import json
 import os
 import re
 import shlex
@@ -286,3 +287,36 @@ def test_an_image_that_is_larger_than_the_memory_costs_only_itself(cli: Cli) -> 
     assert done.returncode == 1, done.stderr
     assert re.search(rb"large\.png:? does not fit into memory; make it smaller", done.stderr)
     assert [path.name for path in (cli.folder / "out").iterdir()] == ["small.depth.png"]
+
+
+def test_progress_as_json_is_lines_on_standard_error(inside: Cli) -> None:
+    for name in "abc":
+        write_image(inside.folder / "in" / f"{name}.png")
+    done = inside("batch", "in", "-o", "out", "--progress", "json", "--quiet")
+    lines = [json.loads(line) for line in done.stderr.splitlines()]
+    assert [lines[0][key] for key in ("phase", "done", "total")] == ["", 0, 3]
+    assert [lines[-1][key] for key in ("done", "total", "seconds_left")] == [3, 3, 0]
+    assert lines[-1]["file"] in {"a.png", "b.png", "c.png"}
+    assert lines[-1]["rate"] > 0
+    refused = inside("batch", "in", "-o", "out", "--progress", "xml")
+    assert (refused.returncode, b"neither auto nor json" in refused.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(("words", "level"), [(("-v",), ""), ((), "info"), ((), "")])
+def test_the_log_is_silent_unless_it_is_asked_for(
+    words: tuple[str, ...], level: str, cli: Cli
+) -> None:
+    write_image(cli.folder / "a.png")
+    done = cli("predict", "a.png", "-o", "a.npy", *words, DEPTHCLI_LOG=level)
+    assert (b"INFO depthcli.inference.loading: model tiny" in done.stderr) == bool(words or level)
+    assert (b"DEBUG depthcli.jobs.image: a.png" in done.stderr) == bool(words)
+    refused = cli("predict", "a.png", "-o", "b.npy", DEPTHCLI_LOG="loud")
+    assert (refused.returncode, b"DEPTHCLI_LOG is a level" in refused.stderr) == (2, True)
+
+
+def test_no_colour_is_printed_where_no_color_is_set(cli: Cli) -> None:
+    write_image(cli.folder / "in/a.png")
+    colours = re.compile(r"\x1b\[[1-9][0-9;]*m")
+    assert colours.search(cli.on_a_terminal("batch", "in", "-o", "out")[1])
+    code, output = cli.on_a_terminal("batch", "in", "-o", "out2", NO_COLOR="1")
+    assert (code, colours.findall(output)) == (0, [])

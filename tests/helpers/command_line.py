@@ -89,7 +89,7 @@ class Cli:
         )
 
     def on_a_terminal(
-        self, *arguments: str | os.PathLike[str], columns: int = 100
+        self, *arguments: str | os.PathLike[str], columns: int = 100, **environment: str
     ) -> tuple[int, str]:
         """Exit code of a command, and all that its terminal got."""
         ours, theirs = pty.openpty()
@@ -101,7 +101,7 @@ class Cli:
                 stdout=theirs,
                 stderr=theirs,
                 cwd=self.folder,
-                env={**self.environment, "TERM": "xterm"},
+                env={**self.environment, "TERM": "xterm", **environment},
             )
             os.close(theirs)
             shown = b""

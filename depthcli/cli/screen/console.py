@@ -35,6 +35,7 @@ _OPTIONS = {
     "eye_distance_m": "eye-distance",
     "convergence_m": "convergence",
 }  #: names of options that differ from those of their parameters
+SETTINGS = {"progress": "auto"}  #: of the command line that runs
 _bars: list[Progress] = []  #: the active progress bar, if there is one
 
 

@@ -1,7 +1,8 @@
-"""Progress display: a bar with rate and remaining time on a terminal, lines elsewhere."""
+"""Progress display: a bar with rate and remaining time on a terminal, lines elsewhere, or JSON."""
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 import time
@@ -18,18 +19,22 @@ if TYPE_CHECKING:
 
 _LINE_EVERY_S = 10.0
 _BAR_EVERY_S = 0.2
+_JSON_EVERY_S = 0.5
 _FAST = 10.0  # units per second, of which one decimal is shown
 
 
 class Stage:
     """A stage of the work: a bar on a terminal, else a line every ten seconds, or nothing.
 
+    With ``--progress json``, it is a JSON line twice a second, at its beginning and at its end.
+
     Attributes:
         note: text after rate and remaining time.
+        file: name of the last input that is done; None where there is none.
     """
 
     def __init__(self, what: str, total: int | None, unit: str, display: ProgressDisplay) -> None:
-        self.note = ""
+        self.note, self.file = "", None  # type: str, str | None
         self._what = one_line(what)
         self._total, self._shown = total, display
         self._per_second = f" {unit}/s" if unit else "/s"
@@ -38,21 +43,41 @@ class Stage:
         if display.bars is not None:
             self._task = display.bars.add_task(self._what, total=total, speed="")
             display.bars.refresh()
+        if display.as_json:
+            self._print_json()
 
     def __call__(self, count: float) -> None:
         """Advance by ``count`` units."""
         self._done += count
         now_s, bars, done = time.monotonic(), self._shown.bars, math.ceil(self._done)
-        is_due = now_s - self._shown_s >= (_LINE_EVERY_S if bars is None else _BAR_EVERY_S)
-        if self._shown.silent or not (is_due or (bars is not None and done == self._total)):
+        as_json, every_s = self._shown.as_json, _LINE_EVERY_S if bars is None else _BAR_EVERY_S
+        is_due = now_s - self._shown_s >= (_JSON_EVERY_S if as_json else every_s)
+        is_last = done == self._total and (as_json or bars is not None)
+        if not (as_json or not self._shown.silent) or not (is_due or is_last):
             return
         self._shown_s = now_s
+        if as_json:
+            self._print_json()
+            return
         if bars is not None:
             bars.update(self._task, completed=done, speed=self.speed(), refresh=True)
             return
         name = f"{self._what}: " if self._what else ""
         of = "" if self._total is None else f"/{self._total}"
         console.note(f"{name}{done}{of}  {self.speed()}")
+
+    def _print_json(self) -> None:
+        rate, left_s = self._rate(), None
+        if rate and self._total is not None:
+            left_s = round(max(0, self._total - self._done) / rate, 1)
+        facts = {"phase": self._what, "done": math.ceil(self._done), "total": self._total}
+        facts |= {"rate": round(rate, 3), "seconds_left": left_s, "file": self.file}
+        console.note(json.dumps(facts))
+
+    def _rate(self) -> float:
+        """Units a second, without those that took no time; 0 before the first."""
+        worked = self._done - self._skipped
+        return worked / max(time.monotonic() - self._start_s, 1e-9)
 
     def skip(self, count: int) -> None:
         """Advance by ``count`` units that took no time and do not count for the rate."""
@@ -61,9 +86,8 @@ class Stage:
 
     def speed(self) -> str:
         """Units per second, remaining time, and the note."""
-        worked, parts = self._done - self._skipped, []
-        if worked:
-            rate = worked / max(time.monotonic() - self._start_s, 1e-9)
+        rate, parts = self._rate(), []
+        if rate:
             parts.append(f"{rate:.{1 if rate >= _FAST else 2}f}{self._per_second}")
             if self._total is not None:
                 parts.append(f"{time_text(max(0, self._total - self._done) / rate)} to go")
@@ -88,6 +112,7 @@ class ProgressDisplay(NamedTuple):
 
     bars: Bars | None  #: on a terminal
     silent: bool  #: whether nothing is shown
+    as_json: bool = False  #: whether JSON lines are printed
 
     def begin(self, what: str, total: int | None, unit: str = "") -> Stage:
         """Begin a stage, which is called with the number of units that are done."""
@@ -96,7 +121,10 @@ class ProgressDisplay(NamedTuple):
 
 @contextmanager
 def show_progress(*, silent: bool) -> Iterator[ProgressDisplay]:
-    """Show progress during the block, unless ``silent``."""
+    """Show progress during the block, unless ``silent`` and not asked for as JSON."""
+    if console.SETTINGS["progress"] == "json":
+        yield ProgressDisplay(None, silent=True, as_json=True)
+        return
     if silent or not sys.stderr.isatty():
         yield ProgressDisplay(None, silent)
         return

@@ -70,6 +70,7 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
             for result in batch:
                 show(result)
                 stage.note = f"{len(tally.failures)} failed" if tally.failures else ""
+                stage.file = result.row.input
                 (stage.skip if result.is_kept else stage)(1)
                 stop.check()
     except (EngineError, ModelError):
@@ -261,6 +262,7 @@ def print_conversions(
     with show_progress(silent=screen.quiet or screen.as_json) as progress, closing(results):
         stage = progress.begin("", len(plan.inputs) if plan else None, unit)
         for result in results:
+            stage.file = result.name if isinstance(result, FailedInput) else result.source
             if isinstance(result, FailedInput):
                 failures.append(result)
                 stage.note = f"{len(failures)} failed"
