@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import json
+import logging
 import mimetypes
 import socket
 import time
@@ -15,6 +16,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from http import HTTPStatus
 from importlib.resources import files
 from io import BytesIO
 from typing import Any
@@ -30,9 +32,10 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
-from starlette.types import ASGIApp, Message, Receive
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
+from depthcli._version import __version__
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, is_out_of_memory
 from depthcli.errors import Message as Text
 from depthcli.inference.pipeline import Pipeline
@@ -42,11 +45,13 @@ from depthcli.io.storage.temporary import temporary_folder
 from depthcli.jobs.image import ImageJob, ImageTask, depth_facts
 from depthcli.jobs.outputs import MapOptions
 
+_LOG = logging.getLogger(__name__)
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _DRAIN_S = 30
 IDLE_S = 75  #: after which silent connections end; nginx and AWS use theirs again for 60 s
 _MOST_PARSED = 256
 _RETRY = {"Retry-After": "1"}
+_PROBLEM = "application/problem+json"
 _IN_FLIGHT = "depthcli_in_flight"
 _OF_SERVER = {"max_pixels": "the server's --max-pixels"}  #: parameters that no request has
 
@@ -88,12 +93,34 @@ class _Connection(AutoHTTPProtocol):  # type: ignore[misc, valid-type]
             self._check = self.loop.call_later(IDLE_S, self._close_if_idle, request)
 
 
+class _RequestLog:
+    """Logs method, path, status and seconds of each request."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        start_s, status = time.perf_counter(), 0
+
+        async def noted(message: Message) -> None:
+            nonlocal status
+            status = message.get("status", status)
+            await send(message)
+
+        try:
+            await self._app(scope, receive, noted)
+        finally:
+            facts = scope.get("method"), scope.get("path"), status, time.perf_counter() - start_s
+            _LOG.info("%s %s %d in %.3f s", *facts)
+
+
 class DepthServer:
     """The application of a server, for uvicorn or another ASGI server.
 
     ``parse`` makes the options of a request of the names and values in its query. Requests need the
     token, or, without one, one of ``hosts`` in their header: pages of other sites have neither.
-    Browsers let pages of ``origins`` read the answers.
+    Browsers let pages of ``origins`` read the answers. ``parameters`` describe the query for
+    ``/openapi.json``.
     """
 
     def __init__(
@@ -105,7 +132,9 @@ class DepthServer:
         token: str | None = None,
         hosts: Sequence[str] = LOOPBACK,
         origins: Sequence[str] = (),
+        parameters: Sequence[dict[str, Any]] = (),
     ) -> None:
+        self._openapi = _openapi(parameters)
         self.session, self.limits, self.token = session, limits, token
         self._parse = lru_cache(_MOST_PARSED)(parse)  # clients repeat their options
         self._pool = ThreadPoolExecutor(limits.workers)
@@ -119,11 +148,13 @@ class DepthServer:
             Route("/", self._page),
             Route("/health", self._health),
             Route("/metrics", self._show_metrics),
+            Route("/openapi.json", self._show_openapi),
             Route("/predict", self._predict, methods=["POST"]),
         ]
         self.app: ASGIApp = Starlette(
             routes=routes,
             middleware=[
+                Middleware(_RequestLog),
                 Middleware(
                     CORSMiddleware,
                     allow_origins=origins,
@@ -170,6 +201,9 @@ class DepthServer:
         card = self.session.model.card
         model = {"name": card.name, "version": card.version, "provider": self.session.provider}
         return JSONResponse({"status": "ok", "model": model, "in_flight": self._in_flight()})
+
+    async def _show_openapi(self, _: Request) -> Response:
+        return JSONResponse(self._openapi)
 
     async def _show_metrics(self, request: Request) -> Response:
         self._check_token(request)
@@ -247,11 +281,39 @@ class DepthServer:
             headers = {"WWW-Authenticate": "Bearer"}
             raise HTTPException(401, "send the header 'Authorization: Bearer TOKEN'", headers)
 
-    async def _failed(self, _: Request, error: Exception) -> Response:
-        """One line of text that says what to do."""
+    async def _failed(self, request: Request, error: Exception) -> Response:
+        """One line of text that says what to do, as JSON (RFC 9457) where that is accepted."""
         assert isinstance(error, HTTPException)  # noqa: S101 - it is registered for these
         self._requests.labels(error.status_code).inc()
+        if "json" in request.headers.get("accept", ""):
+            facts = {"title": HTTPStatus(error.status_code).phrase, "status": error.status_code}
+            facts |= {"type": "about:blank", "detail": error.detail}
+            return JSONResponse(facts, error.status_code, error.headers, _PROBLEM)
         return PlainTextResponse(f"{error.detail}\n", error.status_code, error.headers)
+
+
+def _openapi(parameters: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The description of the server for programs: OpenAPI 3.1."""
+    binary = {"schema": {"type": "string", "contentMediaType": "application/octet-stream"}}
+    file = {"type": "object", "properties": {"image": {"type": "string", "format": "binary"}}}
+    names = ("type", "title", "detail")
+    fields = {name: {"type": "string"} for name in names} | {"status": {"type": "integer"}}
+    schema = {"type": "object", "properties": fields}
+    problem = {"description": "What to do.", "content": {_PROBLEM: {"schema": schema}}}
+    depth = {"description": "Depth in the format; Depth-Facts has the facts as JSON."}
+    predict = {
+        "summary": "Depth of an image.",
+        "parameters": [*parameters],
+        "requestBody": {"content": {"image/*": binary, "multipart/form-data": {"schema": file}}},
+        "responses": {"200": depth | {"content": {"*/*": binary}}, "default": problem},
+    }
+    ok = {"responses": {"200": {"description": "As text or JSON."}}}
+    return {
+        "openapi": "3.1.0",
+        "info": {"title": "depthcli serve", "version": __version__},
+        "paths": {"/predict": {"post": predict}, "/health": {"get": ok}, "/metrics": {"get": ok}},
+        "components": {"securitySchemes": {"token": {"type": "http", "scheme": "bearer"}}},
+    }
 
 
 def _named_as_in_query(text: str) -> str:

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import re
 import resource
 import select
 import signal
@@ -68,7 +69,9 @@ def serving(cli: Cli, *words: str, **environment: str) -> Iterator[Server]:
         env={**cli.environment, **environment},
     )
     try:
-        yield Server(process, urlsplit(process.stderr.readline().strip()).netloc)
+        lines = iter(process.stderr.readline, "")
+        address = next(line for line in lines if line.startswith("http"))  # after the log
+        yield Server(process, urlsplit(address.strip()).netloc)
     finally:
         process.kill()
         process.communicate()
@@ -324,3 +327,44 @@ def test_no_file_is_written_beside_the_server(cli: Cli, tmp_path: Path) -> None:
         server.predict(png())
         server.predict(b"no image")
         assert list(cli.folder.iterdir()) == list(temporary.iterdir()) == []
+
+
+_VALUES = {"integer": "3", "number": "2", "string": "1"}
+_FORMS = {"anchor": "1,2,3", "centre_px": "3,4", "camera": "hall", "tile": "auto"}
+
+
+def test_the_description_for_programs_names_what_the_server_takes(cli: Cli) -> None:
+    with serving(cli) as server:
+        description = json.loads(server.ask("/openapi.json").body)
+        operation = description["paths"]["/predict"]["post"]
+        assert description["openapi"].startswith("3.1")
+        assert len(operation["parameters"]) > 30
+        for parameter in operation["parameters"]:
+            schema = parameter["schema"].get("items", parameter["schema"])
+            value = _FORMS.get(parameter["name"], schema.get("enum", [_VALUES[schema["type"]]])[0])
+            reply = server.predict(b"", **{parameter["name"]: value})
+            assert b"no option named" not in reply.body, parameter
+            assert parameter["description"]
+            if "enum" in schema:
+                assert server.predict(b"", **{parameter["name"]: "other"}).status == 400
+
+
+def test_errors_are_problems_in_json_for_those_who_accept_it(cli: Cli) -> None:
+    with serving(cli) as server:
+        plain = server.predict(b"no image")
+        reply = server.predict(b"no image", {"Accept": "application/problem+json"})
+    assert (plain.headers.get_content_type(), plain.status) == ("text/plain", 422)
+    assert reply.headers.get_content_type() == "application/problem+json"
+    problem = json.loads(reply.body)
+    assert problem["detail"] + "\n" == plain.body.decode()
+    assert (problem["status"], problem["type"]) == (422, "about:blank")
+
+
+def test_requests_are_logged_with_verbose(cli: Cli) -> None:
+    with serving(cli, "-v") as server:
+        server.predict(png())
+        server.ask("/nowhere")
+        server.process.send_signal(signal.SIGTERM)
+        log = server.process.communicate(timeout=60)[1]
+    assert re.search(r"INFO depthcli.jobs.serve: POST /predict 200 in 0\.\d+ s", log)
+    assert "GET /nowhere 404" in log

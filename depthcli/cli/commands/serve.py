@@ -111,6 +111,7 @@ def serve(
         token=token,
         hosts=(*LOOPBACK, *(listen.allow_host or ())),
         origins=listen.allow_origin or (),
+        parameters=query_parameters(),
     )
     if not quiet:
         console.warn_all(server.session.warnings)
@@ -125,13 +126,13 @@ def serve(
 
 def _options(
     *,
-    format_: Format = typer.Option(Format.PNG16, "--format"),
+    format_: Format = typer.Option(Format.PNG16, "--format", help="Format of the answer."),
     camera: options.CameraOptions,
     anchors: options.FitOptions,
     read: options.ImageOptions,
     detail: options.MapOptions,
     writing: options.WritingOptions,
-    eye: Eye | None = None,
+    eye: Eye | None = typer.Option(None, help="View of a JPEG with one for each eye."),
 ) -> Any:  # noqa: ANN401 - Asked
     """Options of a request."""
     from depthcli.cli import parse
@@ -163,12 +164,35 @@ def parse_request(query: Sequence[tuple[str, str]], camera: str | None = None) -
     return request
 
 
-def _words(query: Sequence[tuple[str, str]]) -> Iterator[str]:
-    parameters = {
+def _parameters() -> dict[str, Any]:
+    """The options of a request, by their names in a query."""
+    return {
         parameter.opts[-1].removeprefix("--").replace("-", "_"): parameter
         for parameter in _command.params
         if parameter.name not in _REFUSED
     }
+
+
+def query_parameters() -> list[dict[str, Any]]:
+    """The options of a request as OpenAPI describes parameters of a query."""
+    types = {"int": "integer", "integer": "integer", "float": "number"}
+    described = []
+    for name, parameter in _parameters().items():
+        choices = getattr(parameter.type, "choices", None)
+        schema: dict[str, Any] = {"type": types.get(parameter.type.name.split()[0], "string")}
+        if getattr(parameter, "is_flag", False):
+            schema = {"type": "string", "enum": ["0", "1"]}
+        elif choices:
+            schema["enum"] = [str(choice) for choice in choices]
+        if parameter.multiple:
+            schema = {"type": "array", "items": schema}
+        text = parameter.help or ""
+        described.append({"name": name, "in": "query", "description": text, "schema": schema})
+    return described
+
+
+def _words(query: Sequence[tuple[str, str]]) -> Iterator[str]:
+    parameters = _parameters()
     seen = set[str]()
     for name, value in query:
         parameter = parameters.get(name.replace("-", "_"))
