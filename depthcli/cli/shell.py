@@ -25,6 +25,7 @@ from depthcli.errors import DepthcliError, ExitCode, UsageError, is_out_of_memor
 _EXTRAS = {
     "train": "torch lightning_fabric lightning_utilities onnx onnxscript h5py timm",
     "serve": "starlette uvicorn prometheus_client",
+    "mcp": "mcp",
     "watch": "watchfiles",
 }  #: modules that commands import at once, by the extra that installs them
 # Metavars in help, instead of typer's type names, which depend on its version.

@@ -1,0 +1,87 @@
+"""Tools of depth for agents, by the Model Context Protocol (https://modelcontextprotocol.io).
+
+The server speaks on standard input and output, so that nothing else may be printed there. A tool
+that fails answers with the error's line, which says what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import wraps
+from pathlib import Path
+from typing import Any, TypeVar
+
+from mcp.server import MCPServer
+from mcp.server.mcpserver.exceptions import ToolError
+
+from depthcli._version import __version__
+from depthcli.api.model import DepthModel
+from depthcli.errors import DepthcliError, UsageError
+from depthcli.jobs.convert import ConvertRequest, convert
+from depthcli.jobs.image import depth_facts
+from depthcli.jobs.inspect import depth_at, depth_in, read_map
+
+_GUIDE = (
+    "Depth in metres from single images of rooms. Estimate the depth of an image first, then ask "
+    "for distances and places in its depth file."
+)
+_BOX = 4  # numbers
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def _tool(server: MCPServer) -> Callable[[_Function], _Function]:
+    """Add a function as a tool, whose errors of depthcli are its answer."""
+
+    def add(function: _Function) -> _Function:
+        @server.tool()
+        @wraps(function)
+        def checked(**arguments: Any) -> Any:  # noqa: ANN401 - those of the function
+            try:
+                return function(**arguments)
+            except DepthcliError as error:
+                raise ToolError(str(error)) from error
+
+        return function
+
+    return add
+
+
+def make_server(model: DepthModel) -> MCPServer:
+    """A server of three tools, which use one loaded model."""
+    server = MCPServer("depthcli", version=__version__, instructions=_GUIDE)
+
+    @_tool(server)
+    def estimate_depth(image: str, out: str, hfov_deg: float | None = None) -> dict[str, Any]:
+        """Estimate the depth of an image, and write it to a file: .png (16-bit, millimetres), .exr
+        or .npy (metres), .glb (mesh), .html (a page in three dimensions).
+
+        hfov_deg is the horizontal field of view of the camera, if it is known.
+        """  # noqa: D205 - the protocol shows all of it
+        depth = model.predict(Path(image), hfov_deg=hfov_deg)
+        depth.save(Path(out))
+        return {"file": out, **depth_facts(depth)}
+
+    @_tool(server)
+    def distance(depth_file: str, place: list[int]) -> dict[str, Any]:
+        """Depth at a pixel [x, y] of a depth file, with its point in space and its surface's
+        normal; or in a box [left, top, right, bottom], with its width and height in metres.
+        """  # noqa: D205
+        stored = read_map(Path(depth_file))
+        depth = stored.displayed
+        if len(place) == _BOX:
+            left, top, right, bottom = place
+            facts = asdict(depth_in(depth, (left, top, right, bottom)))
+        elif len(place) == _BOX // 2 and min(place) >= 0:
+            facts = asdict(depth_at(depth, *place))
+        else:
+            raise UsageError(f"{place} is neither [x, y] nor [left, top, right, bottom]")
+        return {"unit": depth.unit, **facts, "warnings": [*stored.warnings]}
+
+    @_tool(server)
+    def view(depth_file: str, image: str, out: str) -> dict[str, Any]:
+        """Write a page (.html) that shows a depth file with its image in three dimensions."""
+        done = convert(ConvertRequest(depth_file, out, image=image))
+        return {"file": done.target, "warnings": [*map(str, done.warnings)]}
+
+    return server
