@@ -10,11 +10,8 @@ def mcp(*, model: groups.ModelOptions) -> int:
     Tools: estimate_depth of an image file, distance at a pixel or in a box of a depth file, view in
     three dimensions. Add 'depthcli mcp' to the configuration of your agent.
     """
-    from depthcli.api.agent import make_server
-    from depthcli.api.model import DepthModel
     from depthcli.cli import parse
-    from depthcli.inference.pipeline import Pipeline
+    from depthcli.jobs.agent import make_server
 
-    session = parse.session_loader(model.model, model.runtime).load()
-    make_server(DepthModel(Pipeline(session))).run("stdio")
+    make_server(parse.session_loader(model.model, model.runtime)).run("stdio")
     return ExitCode.OK

@@ -16,11 +16,13 @@ from mcp.server import MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
 
 from depthcli._version import __version__
-from depthcli.api.model import DepthModel
+from depthcli.core.camera import Intrinsics
 from depthcli.errors import DepthcliError, UsageError
+from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.convert import ConvertRequest, convert
-from depthcli.jobs.image import depth_facts
+from depthcli.jobs.image import FailedInput, depth_facts
 from depthcli.jobs.inspect import depth_at, depth_in, read_map
+from depthcli.jobs.predict import PredictRequest, image_destination, predict
 
 _GUIDE = (
     "Depth in metres from single images of rooms. Estimate the depth of an image first, then ask "
@@ -47,8 +49,8 @@ def _tool(server: MCPServer) -> Callable[[_Function], _Function]:
     return add
 
 
-def make_server(model: DepthModel) -> MCPServer:
-    """A server of three tools, which use one loaded model."""
+def make_server(model: SessionLoader) -> MCPServer:
+    """A server of three tools, of which one runs a model."""
     server = MCPServer("depthcli", version=__version__, instructions=_GUIDE)
 
     @_tool(server)
@@ -58,9 +60,15 @@ def make_server(model: DepthModel) -> MCPServer:
 
         hfov_deg is the horizontal field of view of the camera, if it is known.
         """  # noqa: D205 - the protocol shows all of it
-        depth = model.predict(Path(image), hfov_deg=hfov_deg)
-        depth.save(Path(out))
-        return {"file": out, **depth_facts(depth)}
+        camera = Intrinsics(hfov_deg=hfov_deg)
+        request = PredictRequest(
+            images=(image,), destination=image_destination(out), model=model, camera=camera
+        )
+        (done,) = predict(request)
+        if isinstance(done, FailedInput):
+            raise done.error
+        facts = depth_facts(done.depth)
+        return {"files": done.outputs, **facts, "warnings": [*map(str, done.warnings)]}
 
     @_tool(server)
     def distance(depth_file: str, place: list[int]) -> dict[str, Any]:
