@@ -19,9 +19,11 @@ from depthcli._version import __version__
 from depthcli.core.camera import Intrinsics
 from depthcli.errors import DepthcliError, UsageError
 from depthcli.inference.loading import SessionLoader
+from depthcli.io.formats.table import Format
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.image import FailedInput, depth_facts
 from depthcli.jobs.inspect import depth_at, depth_in, read_map
+from depthcli.jobs.outputs import STDIO
 from depthcli.jobs.predict import PredictRequest, image_destination, predict
 
 _GUIDE = (
@@ -60,6 +62,8 @@ def make_server(model: SessionLoader) -> MCPServer:
 
         hfov_deg is the horizontal field of view of the camera, if it is known.
         """  # noqa: D205 - the protocol shows all of it
+        if out == STDIO:
+            raise UsageError("standard output is the protocol's; name a file")
         camera = Intrinsics(hfov_deg=hfov_deg)
         request = PredictRequest(
             images=(image,), destination=image_destination(out), model=model, camera=camera
@@ -77,7 +81,7 @@ def make_server(model: SessionLoader) -> MCPServer:
         """  # noqa: D205
         stored = read_map(Path(depth_file))
         depth = stored.displayed
-        if len(place) == _BOX:
+        if len(place) == _BOX and min(place) >= 0:
             left, top, right, bottom = place
             facts = asdict(depth_in(depth, (left, top, right, bottom)))
         elif len(place) == _BOX // 2 and min(place) >= 0:
@@ -89,7 +93,7 @@ def make_server(model: SessionLoader) -> MCPServer:
     @_tool(server)
     def view(depth_file: str, image: str, out: str) -> dict[str, Any]:
         """Write a page (.html) that shows a depth file with its image in three dimensions."""
-        done = convert(ConvertRequest(depth_file, out, image=image))
+        done = convert(ConvertRequest(depth_file, out, Format.HTML, image=image))
         return {"file": done.target, "warnings": [*map(str, done.warnings)]}
 
     return server

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from http import HTTPStatus
+from http.client import responses
 from importlib.resources import files
 from io import BytesIO
 from typing import Any
@@ -230,10 +230,11 @@ class DepthServer:
             body, facts = await asyncio.wait_for(asyncio.wrap_future(work), self.limits.timeout_s)
         except TimeoutError:
             raise HTTPException(503, f"not done in {self.limits.timeout_s:g} s", _RETRY) from None
-        except (InputError, OutputError) as error:
+        except (InputError, OutputError, UsageError) as error:
             is_ours = isinstance(error, OutputError) and isinstance(error.__cause__, OSError)
             text = _named_as_in_query(error.message)
-            raise HTTPException(500 if is_ours else 422, text) from error
+            status = 400 if isinstance(error, UsageError) else 500 if is_ours else 422
+            raise HTTPException(status, text) from error
         except Exception as error:
             if is_out_of_memory(error):
                 raise HTTPException(503, "out of memory; send a smaller image") from error
@@ -286,7 +287,8 @@ class DepthServer:
         assert isinstance(error, HTTPException)  # noqa: S101 - it is registered for these
         self._requests.labels(error.status_code).inc()
         if "json" in request.headers.get("accept", ""):
-            facts = {"title": HTTPStatus(error.status_code).phrase, "status": error.status_code}
+            title = responses.get(error.status_code, "Error")  # 499 is nginx's
+            facts = {"title": title, "status": error.status_code}
             facts |= {"type": "about:blank", "detail": error.detail}
             return JSONResponse(facts, error.status_code, error.headers, _PROBLEM)
         return PlainTextResponse(f"{error.detail}\n", error.status_code, error.headers)

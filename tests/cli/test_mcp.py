@@ -53,13 +53,19 @@ def test_an_agent_estimates_measures_and_views(cli: Cli) -> None:
 def test_a_tool_that_fails_says_what_to_do(cli: Cli) -> None:
     (cli.folder / "mine.png").write_bytes(b"of another program")
     write_image(cli.folder / "a.png")
-    missing, foreign, place = called(
+    write_image(cli.folder / "b.png")
+    np.save(cli.folder / "d.npy", np.full((48, 64), 2, np.float32))
+    missing, foreign, place, *others = called(
         cli,
         ("estimate_depth", {"image": "no.png", "out": "b.npy"}),
         ("estimate_depth", {"image": "a.png", "out": "mine.png"}),
         ("distance", {"depth_file": "no.npy", "place": [1]}),
+        ("distance", {"depth_file": "d.npy", "place": [-9, -8, -5, -4]}),
+        ("estimate_depth", {"image": "b.png", "out": "-"}),
+        ("view", {"depth_file": "d.npy", "image": "b.png", "out": "v.png"}),
     )
-    assert all(failed for failed, _ in (missing, foreign, place))
+    assert all(failed for failed, _ in (missing, foreign, place, *others[:2]))
+    assert others[2][0] or (cli.folder / json.loads(others[2][1])["file"]).suffix == ".html"
     assert "no such file" in missing[1]
     assert "does not state that depthcli wrote it" in foreign[1]
     assert (cli.folder / "mine.png").read_bytes() == b"of another program"

@@ -353,6 +353,7 @@ def test_errors_are_problems_in_json_for_those_who_accept_it(cli: Cli) -> None:
     with serving(cli) as server:
         plain = server.predict(b"no image")
         reply = server.predict(b"no image", {"Accept": "application/problem+json"})
+        assert server.predict(png(), white_level="5", black_level="9").status == 400
     assert (plain.headers.get_content_type(), plain.status) == ("text/plain", 422)
     assert reply.headers.get_content_type() == "application/problem+json"
     problem = json.loads(reply.body)
