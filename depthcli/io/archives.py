@@ -12,10 +12,11 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
+from depthcli.core.camera import Intrinsics
 from depthcli.errors import InputError, UsageError
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.path_list import PATHS, open_parquet
-from depthcli.io.media import is_exr, is_media
+from depthcli.io.media import is_archive, is_exr, is_media
 
 _ROWS = 64  # of a row group that is written
 _IMAGES = (Format.PNG16, Format.PREVIEW)
@@ -26,6 +27,8 @@ class Member(NamedTuple):
 
     name: str  #: its path in the archive, or the number of its row
     data: bytes | None  #: None if the row holds no image
+    camera: Intrinsics | None = None  #: its own camera; None if none is stated
+    origin: Any = None  #: of a bag, the message that it is from
 
     def output_name(self, format_: Format) -> str:
         """Its name with the suffix of a format."""
@@ -39,7 +42,7 @@ Write: TypeAlias = Callable[[Member, Mapping[Format, bytes]], object]  #: of one
 def holds_images(path: Path, column: str | None = None) -> bool:
     """Whether a file is an archive, and no Parquet list of paths."""
     if not _is_parquet(path):
-        return path.suffix.lower() == ".tar"
+        return is_archive(path.name) and path.is_file()
     if not path.is_file():
         return False
     with open_parquet(path) as file:

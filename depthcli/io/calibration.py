@@ -85,6 +85,16 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
         raise
     except Exception as error:  # of the libraries, and of numbers in odd places
         raise InputError(f"{path} is not a calibration that can be read", _ADVICE) from error
+    return _checked(camera, path, rectified=rectified)
+
+
+def camera_of_ros(info: Mapping[str, Any], path: Path, *, rectified: bool) -> Intrinsics:
+    """The camera of a message ``CameraInfo`` in a bag, as :func:`read_calibration` gives it."""
+    return _checked(_of_tree(info, path, rectified=rectified), path, rectified=rectified)
+
+
+def _checked(camera: _Camera, path: Path, *, rectified: bool) -> Intrinsics:
+    """The camera of numbers that make sense; InputError if they do not."""
     fx, fy, cx, cy = camera.matrix
     if camera.counts_from_corner:
         cx, cy = cx - 0.5, cy - 0.5

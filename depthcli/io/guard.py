@@ -57,7 +57,7 @@ _IMAGE_NAME = (
     r"(?i)(\.((depth|normals)(\.\d{6,})?\.(png|pgm|tiff?)|(preview|stereo)\.png)"
     r"|(depth|normals)[^/]*\.exr)$"
 )
-_OTHER_NAME = r"(?i)\.(depth\.(mkv|tar|parquet)|stereo\.mp4|preview\.(mp4|webm|mov))$"
+_OTHER_NAME = r"(?i)\.(depth\.(mkv|tar|parquet|mcap|db3)|stereo\.mp4|preview\.(mp4|webm|mov))$"
 
 
 def is_own_image(path: str | Path, suffixes: tuple[str, ...] = _IMAGES) -> bool:

@@ -16,7 +16,8 @@ VIDEO_SUFFIXES = (
     *(".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".mpg", ".mpeg"),
     *(".mts", ".m2ts", ".ts", ".mxf", ".wmv", ".flv", ".ogv", ".3gp"),
 )
-ARCHIVE_SUFFIXES = (".tar", ".parquet")
+BAG_SUFFIXES = (".mcap", ".db3")  #: of ROS 2
+ARCHIVE_SUFFIXES = (".tar", ".parquet", *BAG_SUFFIXES)
 CAMERA_RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".rw2", ".raf")
 HEIF_SUFFIXES = (".heic", ".heif", ".hif")
 FORMATS_SUFFIXES = (".dpx", ".cin", ".hdr", ".psd", ".jxl", ".jp2", ".tga")
@@ -43,8 +44,13 @@ def is_video(name: str) -> bool:
 
 
 def is_archive(name: str) -> bool:
-    """Whether a name's suffix is that of a data set in one file, a tar shard or Parquet."""
+    """Whether a name's suffix is that of images in one file: a tar shard, Parquet or a bag."""
     return lower_suffix(name) in ARCHIVE_SUFFIXES
+
+
+def is_bag(name: str) -> bool:
+    """Whether a name's suffix is that of a bag of ROS 2, MCAP or SQLite."""
+    return lower_suffix(name) in BAG_SUFFIXES
 
 
 def is_exr(name: str) -> bool:

@@ -69,7 +69,10 @@ class InputOptions:
     )
     column: str | None = groups.option(
         "Column with the paths of a list (default: the only column, or 'path') or with images in "
-        "Parquet; in tar, the part of names after the first dot.",
+        "Parquet; in tar, the part of names after the first dot; in a bag, the topic of the "
+        "images (default: the only one).",
+        "--column",
+        "--topic",
         metavar="NAME",
     )
     shard: str | None = groups.option(
@@ -140,7 +143,7 @@ def batch(
         None,
         metavar="[DIR]",
         help="Input folder or URI, searched recursively; or a data set in one file: a tar shard "
-        "(webdataset), or Parquet with images inside (Hugging Face).",
+        "(webdataset), Parquet with images inside (Hugging Face), or a bag of ROS 2 (.mcap, .db3).",
     ),
     *,
     output: OutputOptions,
@@ -298,6 +301,7 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
     from depthcli.io.listing import path_list
     from depthcli.io.listing.folder import NameFilter
     from depthcli.io.manifest import WHOLE, Shard
+    from depthcli.io.media import is_archive
     from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
 
@@ -311,12 +315,16 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
     if archive is not None:
         root = str(path_of(archive).parent)
         return plan_files([archive], archive, root, out, names_filter, shard, table)
-    if column is not None and files in (None, _STDIO):
-        raise UsageError("", "{column} is for a Parquet or CSV file: name it with {files}")
+    for_tables = UsageError("", "{column} is for a Parquet or CSV file: name it with {files}")
+    if column is not None and (files == _STDIO or (files is None and folder is None)):
+        raise for_tables
     if files is None and folder is None:
         raise UsageError("", "name a folder, or give a list with {files}")
     if files is None:
-        return plan_folder(folder or "", out, names_filter, shard, table)
+        plan = plan_folder(folder or "", out, names_filter, shard, table)
+        if column is not None and not any(is_archive(file.name) for file in plan.inputs):
+            raise for_tables
+        return plan
     with os_errors_as(UsageError, "cannot read the list from standard input"):
         stdin = sys.stdin.buffer.read() if files == _STDIO else b""
     words = path_list.parse_list(stdin) if files == _STDIO else path_list.read_list(files, column)

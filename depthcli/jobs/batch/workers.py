@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from depthcli._version import __version__
 from depthcli.core.camera import Intrinsics
+from depthcli.core.options import MILLIMETRES
 from depthcli.core.parallel import ordered_map
 from depthcli.core.progress import Progress
 from depthcli.core.validation import fingerprint
@@ -23,7 +24,7 @@ from depthcli.inference.session import Session
 from depthcli.inference.trial import check_network
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest import CacheKey, KnownDepthEntry, output_entry
-from depthcli.io.media import is_archive
+from depthcli.io.media import is_archive, is_bag
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import local_copy, path_of, read_bytes
 from depthcli.io.stored.metadata import camera_text
@@ -145,9 +146,15 @@ class VideoWorker:
 
     def _write_archive(self, task: BatchTask, source: Path) -> dict[str, Any]:
         """Write the outputs of an archive's images into one; returns fields of its row."""
-        from depthcli.io.archives import archive_writer, members  # noqa: PLC0415 - seldom needed
+        # Seldom needed.
+        from depthcli.io.archives import archive_writer, members  # noqa: PLC0415
+        from depthcli.io.bags import bag_members, bag_writer  # noqa: PLC0415
 
         options, (path,) = self.images.options, task.outputs.values()
+        is_ros, writing = is_bag(task.input.name), options.writing
+        if is_ros and (writing.is_normalized or writing.units_per_metre != MILLIMETRES):
+            raise InputError("depth in a bag is in millimetres", "leave out {png_scale}")
+        read, open_writer = (bag_members, bag_writer) if is_ros else (members, archive_writer)
         failed, warned, first, count = list[str](), dict[str, None](), None, 0
         stage = self.progress.begin(task.input.name, None, "images")
 
@@ -160,10 +167,8 @@ class VideoWorker:
 
         with (
             atomic_path(path) as temporary,
-            archive_writer(temporary, options.formats) as write,
-            closing(
-                ordered_map(work, members(source, options.column), workers=self.workers)
-            ) as done,
+            open_writer(temporary, options.formats) as write,
+            closing(ordered_map(work, read(source, options.column), workers=self.workers)) as done,
         ):
             for count, (member, image) in enumerate(done, start=1):  # noqa: B007 - the last one
                 stage(1)
@@ -189,12 +194,17 @@ class VideoWorker:
     def _member_files(self, member: Member, camera: Intrinsics) -> _Files:
         if member.data is None:
             raise InputError("holds no image")
-        options = self.images.options
+        options, has_focal = self.images.options, camera.has_focal
+        if member.camera and not has_focal:  # options come before the bag
+            camera = camera.of_image(member.camera)
         frame = options.read(Path(member.name), member.data)
         streams = {format_: BytesIO() for format_ in options.formats}
         done = self.images.job.run(ImageTask(frame, camera, None, streams))
+        if member.origin and not done.depth.is_metric:
+            raise InputError("depth in a bag is in metres", "choose a metric {model}")
+        warnings = () if has_focal else camera.warnings
         files = {format_: stream.getvalue() for format_, stream in streams.items()}
-        return files, camera_text(done.depth), done.named_warnings(member.name)
+        return files, camera_text(done.depth), (*warnings, *done.named_warnings(member.name))
 
     def _write_video(self, task: BatchTask, source: Path, sha256: str) -> dict[str, Any]:
         """Write the outputs of a video; returns fields of its row."""
