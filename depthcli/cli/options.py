@@ -188,11 +188,11 @@ class KnownDepthOptions:
         "sparse depth map of the image's size (as 'info' reads; 0 or NaN is unknown); a cloud "
         "(PLY, PCD, BIN; needs --calibration); a folder with cameras, images and points3D of "
         "COLMAP; or self: what a phone stored within each image (HEIC, JPEG). For 'batch', a "
-        "folder with a file for each image; for 'video', for each frame by its number, or a table "
-        "with a column frame or time_s.",
+        "folder with a file for each image, or topic:NAME of a bag; for 'video', for each frame "
+        "by its number, or a table with a column frame or time_s.",
         "--anchors",
         "--points",
-        metavar="FILE|DIR|self",
+        metavar="FILE|DIR|self|topic:NAME",
     )
     extrinsics: str | None = option(
         "Transform of a cloud to the axes of the camera (x right, y down, z forward): 3x4 "

@@ -180,7 +180,7 @@ def known_depth(
     place = path_of(path)
     if options.extrinsics and not files.may_be_clouds:
         raise UsageError("", "{extrinsics} is for clouds: leave it out, or name one in {anchors}")
-    if path == SELF and is_folder is None:
+    if (path == SELF or files.topic) and is_folder is None:
         raise UsageError("the frames of a video have no depth of their own", option="anchors")
     if camera.is_undistorted and files.is_by_image:
         problem = "its points are of the images with their distortion"

@@ -1,16 +1,17 @@
 """Bags of ROS 2, in MCAP or SQLite: images and their cameras are read, depth is written."""
 
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
 
+from depthcli.core.arrays import AnyArray
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import INSTALL_ROS
 from depthcli.errors import DepthcliError, InputError
@@ -20,7 +21,8 @@ from depthcli.io.formats.table import Format
 from depthcli.io.storage.temporary import temporary_folder
 
 _IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
-_INFO = "sensor_msgs/msg/CameraInfo"
+_INFO, CLOUD = "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/PointCloud2"
+_WITHIN_NS = 100_000_000  # of an image, the scan of a lidar that turns ten times a second
 DEPTH_ENCODINGS = {Format.PNG16: "16UC1", Format.NPY: "32FC1"}
 """Encodings of depth in REP 118, millimetres and metres, by the formats that choose them."""
 #: channels, type, and OpenCV's conversion to RGB
@@ -40,6 +42,10 @@ _ENCODINGS: dict[str, tuple[int, str, int | None]] = {
 }
 
 
+Transforms: TypeAlias = Mapping[str, tuple[str, tuple[float, ...]]]
+"""Of frames by name: the frame above, and x y z qx qy qz qw of what takes points to that."""
+
+
 class Origin(NamedTuple):
     """The message of an image, whose time and frame its depth has."""
 
@@ -47,15 +53,21 @@ class Origin(NamedTuple):
     time_ns: int  #: when it was recorded
     header: Any  #: with stamp and frame id
     info: Any  #: its ``CameraInfo``; None if there is none
+    #: the nearest message with known depth, a cloud or a depth image; None if none is near
+    sensor: Any
+    transforms: Transforms  #: those of the bag that do not change
 
 
-def bag_members(path: Path, topic: str | None = None) -> Iterator[Member]:
+def bag_members(
+    path: Path, topic: str | None = None, sensor: str | None = None
+) -> Iterator[Member]:
     """The images of a topic, by default of the only one, in the order of their recording.
 
-    Their camera is the ``camera_info`` beside the topic, or the only one of the bag.
+    Their camera is the ``camera_info`` beside the topic, or the only one of the bag; known depth is
+    that of the topic ``sensor``.
 
     Raises:
-        InputError: the bag cannot be read, or has no such images.
+        InputError: the bag cannot be read, or has no such images or sensor.
     """
     with _opened(path) as bag:
         names = {c.topic for c in bag.connections if c.msgtype in {_IMAGE, _COMPRESSED}}
@@ -75,14 +87,55 @@ def bag_members(path: Path, topic: str | None = None) -> Iterator[Member]:
             if infos
             else None
         )
+        nearest, transforms = _sensor_reader(bag, sensor), _transforms(bag)
         for connection, time_ns, data in bag.messages(chosen):
             message: Any = bag.deserialize(data, connection.msgtype)
             if connection.msgtype == _INFO:
                 info = message
                 continue
-            stamp, origin = message.header.stamp, Origin(camera_name, time_ns, message.header, info)
+            header, scan = message.header, nearest(message)
+            origin = Origin(camera_name, time_ns, header, info, scan, transforms)
+            stamp = header.stamp
             camera = _camera(info, path, is_rectified="rect" in last)
             yield Member(f"{stamp.sec}.{stamp.nanosec:09}", _encoded(message), camera, origin)
+
+
+def _sensor_reader(bag: Any, topic: str | None) -> Callable[[Any], Any]:  # noqa: ANN401
+    """A function that gives the message of a topic nearest to another; None if none is near."""
+    connections = [c for c in bag.connections if c.topic == topic]
+    if topic and not connections:
+        others = {c.topic for c in bag.connections if c.msgtype in {CLOUD, _IMAGE}}
+        raise InputError(f"no topic {topic}", f"choose from {', '.join(sorted(others))}")
+    recorded = [
+        (_time_ns(bag.deserialize(data, c.msgtype)), time_ns)
+        for c, time_ns, data in (bag.messages(connections) if connections else ())
+    ]
+
+    def nearest(message: Any) -> Any:  # noqa: ANN401
+        at_ns = _time_ns(message)
+        stamp_ns, time_ns = min(recorded, key=lambda each: abs(each[0] - at_ns), default=(0, 0))
+        if not recorded or abs(stamp_ns - at_ns) > _WITHIN_NS:
+            return None
+        messages = bag.messages(connections, start=time_ns, stop=time_ns + 1)
+        return next(bag.deserialize(data, c.msgtype) for c, _, data in messages)
+
+    return nearest
+
+
+def _time_ns(message: Any) -> int:  # noqa: ANN401
+    return int(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+
+
+def _transforms(bag: Any) -> Transforms:  # noqa: ANN401
+    """The transforms of ``/tf_static``."""
+    transforms: dict[str, tuple[str, tuple[float, ...]]] = {}
+    connections = [c for c in bag.connections if c.topic == "/tf_static"]
+    for connection, _, data in bag.messages(connections) if connections else ():
+        for each in bag.deserialize(data, connection.msgtype).transforms:
+            place, turn = each.transform.translation, each.transform.rotation
+            numbers = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+            transforms[each.child_frame_id] = each.header.frame_id, numbers
+    return transforms
 
 
 @contextmanager
@@ -127,14 +180,20 @@ def _encoded(message: Any) -> bytes:  # noqa: ANN401 - of a type that the bag de
     if message.encoding not in _ENCODINGS:
         raise InputError(f"images of encoding {message.encoding} are not read", "use {topic}")
     channels, kind, conversion = _ENCODINGS[message.encoding]
+    pixels = pixels_of(message, kind, channels)
+    height, width, _ = pixels.shape
+    pixels = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+    form = b"P6" if pixels.shape[-1] == 3 else b"P5"  # noqa: PLR2004 - RGB
+    head = b"%s %d %d %d\n" % (form, width, height, 2 ** (8 * pixels.itemsize) - 1)
+    return head + pixels.astype(pixels.dtype.newbyteorder(">")).tobytes()
+
+
+def pixels_of(message: Any, kind: str, channels: int = 1) -> AnyArray:  # noqa: ANN401
+    """The pixels of a raw image, (H, W, channels), without the padding of its rows."""
     width, height = message.width, message.height
     dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
     rows = message.data.reshape(height, message.step)[:, : width * channels * dtype.itemsize]
-    pixels = np.ascontiguousarray(rows).view(dtype).reshape(height, width, channels)
-    pixels = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
-    form = b"P6" if pixels.shape[-1] == 3 else b"P5"  # noqa: PLR2004 - RGB
-    head = b"%s %d %d %d\n" % (form, width, height, 2 ** (8 * dtype.itemsize) - 1)
-    return head + pixels.astype(pixels.dtype.newbyteorder(">")).tobytes()
+    return np.ascontiguousarray(rows).view(dtype).reshape(height, width, channels)
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -80,7 +80,7 @@ def _poses(tree: Any, frames: _Frames | None) -> Iterator[Extrinsics]:  # noqa: 
     numbers = [] if is_nested else numbers_in(tree)
     if len(numbers) in {_QUATERNION, 3 * _SIZE, _SIZE**2} and np.isfinite(numbers).all():
         if frames is not None:
-            yield _directed(_matrix(numbers), frames)
+            yield _directed(matrix_of(numbers), frames)
     elif isinstance(tree, list):
         for part in tree:
             yield from _poses(part, frames)
@@ -92,7 +92,7 @@ def _named_poses(tree: Mapping[str, Any], frames: _Frames | None) -> Iterator[Ex
         return
     if "Rcl" in tree and "Pcl" in tree:  # of FAST-LIVO2
         turn = np.reshape(numbers_in(tree["Rcl"]), (3, 3))
-        matrix = _matrix(np.column_stack([turn, numbers_in(tree["Pcl"])]).ravel().tolist())
+        matrix = matrix_of(np.column_stack([turn, numbers_in(tree["Pcl"])]).ravel().tolist())
         yield _directed(matrix, _OWN)
         return
     if child := tree.get("child_frame_id"):
@@ -102,7 +102,7 @@ def _named_poses(tree: Mapping[str, Any], frames: _Frames | None) -> Iterator[Ex
     if isinstance(place, Mapping) and isinstance(turn, Mapping):
         flat = {**place, **{f"q{axis}": number for axis, number in turn.items()}}
     if frames is not None and all(name in flat for name in _FLAT):
-        yield _directed(_matrix([float(flat[name]) for name in _FLAT]), frames)
+        yield _directed(matrix_of([float(flat[name]) for name in _FLAT]), frames)
         return
     for name, value in tree.items():
         unnamed = frames if _UNDIRECTED.fullmatch(name) else None
@@ -138,7 +138,7 @@ def _directed(matrix: Float64Array, frames: _Frames) -> Extrinsics:
     return Extrinsics(np.asarray(np.linalg.inv(matrix), np.float64), (warning,))
 
 
-def _matrix(numbers: list[float]) -> Float64Array:
+def matrix_of(numbers: Sequence[float]) -> Float64Array:
     """3×4 or 4×4 numbers, or a translation and a quaternion, as (4, 4)."""
     values = np.array(numbers)
     if len(values) == _QUATERNION:
@@ -165,7 +165,7 @@ def _of_kitti(tree: Mapping[str, Any]) -> Float64Array:
     if "R0_rect" in tree:
         rectified[:3, :3] = np.reshape(numbers_in(tree["R0_rect"]), (3, 3))
     if "P2" in tree:
-        projection = _matrix(numbers_in(tree["P2"]))
+        projection = matrix_of(numbers_in(tree["P2"]))
         beside[0, 3] = projection[0, 3] / projection[0, 0]
-    lidar = _directed(_matrix(numbers_in(tree.get("Tr_velo_to_cam", tree.get("Tr")))), _OWN)
+    lidar = _directed(matrix_of(numbers_in(tree.get("Tr_velo_to_cam", tree.get("Tr")))), _OWN)
     return np.asarray(beside @ rectified @ lidar.matrix)

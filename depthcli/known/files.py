@@ -22,6 +22,7 @@ CLOUDS = (".pcd", ".ply")  #: suffixes of point clouds alone
 SUFFIXES = (".csv", *CLOUDS, *(s for s in READABLE_SUFFIXES if s not in CLOUDS))
 SELF = "self"  #: in place of a path, the depth that a phone stored within each image
 _COLMAP = ("cameras", "images", "points3D")
+_TOPIC = "topic:"  # of a bag, in place of a path
 OUTPUT = ".depth"  #: end of the stems of the outputs of ``convert``
 ALTERNATIVES = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 
@@ -30,7 +31,7 @@ ALTERNATIVES = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 class KnownDepthFiles:
     """A file with known depth, a folder of such files or of COLMAP's, or the images themselves."""
 
-    path: str  #: the file, the folder, or ``SELF``
+    path: str  #: the file, the folder, ``SELF``, or a topic of bags, such as ``topic:/points``
     #: units per metre; None for what the file states: of integers millimetres, else metres
     scale: float | None = None
     kind: DepthEncoding | None = None  #: of the numbers in a map that states none; None for metres
@@ -49,16 +50,21 @@ class KnownDepthFiles:
         return ()
 
     @property
+    def topic(self) -> str | None:
+        """The topic of bags; None if there is none."""
+        return self.path.removeprefix(_TOPIC) if self.path.startswith(_TOPIC) else None
+
+    @property
     def is_by_image(self) -> bool:
         """Whether it is that of an image itself, or of its name."""
-        return self.path == SELF or bool(self.reconstruction)
+        return self.path == SELF or bool(self.topic or self.reconstruction)
 
     @property
     def may_be_clouds(self) -> bool:
         """Whether it is a point cloud, or a folder that may have some."""
         suffix = path_of(self.path).suffix.lower()
         is_map = suffix in SUFFIXES and suffix not in (*CLOUDS, ".bin")
-        return not (self.is_by_image or is_map)
+        return bool(self.topic) or not (self.is_by_image or is_map)
 
     def file_for(self, name: str, *, shares_stem: bool = False, image: Path | None = None) -> Path:
         """The folder's file for an image.

@@ -37,6 +37,8 @@ def read_known_depth(
         raise InputError(f"{path} holds no known depth", f"give a file with {ALTERNATIVES}")
     if not files.is_by_image:
         return read_file(path, files)
+    if files.topic:
+        raise InputError(f"{image or 'standard input'} is in no bag, whose topics have known depth")
     if image is None:
         raise InputError("standard input is no file whose own depth can be read")
     if files.reconstruction:

@@ -24,10 +24,10 @@ def make(kind: str, **fields: Any) -> Any:
     return STORE.types[kind](**fields)
 
 
-def header(time_ns: int) -> Any:
+def header(time_ns: int, frame: str = "camera_optical") -> Any:
     sec, nanosec = divmod(time_ns, 10**9)
     stamp = make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
-    return make("std_msgs/msg/Header", stamp=stamp, frame_id="camera_optical")
+    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
 def raw_image(time_ns: int, encoding: str = "rgb8", data: Any = PIXELS, padding: int = 0) -> Any:
@@ -197,3 +197,115 @@ def test_a_damaged_bag_and_an_unknown_encoding_fail(inside: Cli) -> None:
     assert b"drive.mcap" in inside("batch", "drive.mcap", "-o", "out", code=1).stderr
     _, printed = depth_of(inside, camera_messages([raw_image(7, "16UC1")] * 2, "/a/b"), code=1)
     assert "16UC1" in printed
+
+
+#: what takes points of the lidar, x forward and z up, to the camera
+LIDAR_TO_CAMERA = np.array([[0, -1, 0, 0.1], [0, 0, -1, -0.2], [1, 0, 0, 0.3], [0, 0, 0, 1.0]])
+
+
+def transform(above: str, frame: str, turn: Any, place: Any) -> Any:
+    numbers = dict(zip("xyzw", map(float, turn), strict=True))
+    return make(
+        "geometry_msgs/msg/TransformStamped",
+        header=header(0, above),
+        child_frame_id=frame,
+        transform=make(
+            "geometry_msgs/msg/Transform",
+            translation=make("geometry_msgs/msg/Vector3", **dict(zip("xyz", place, strict=True))),
+            rotation=make("geometry_msgs/msg/Quaternion", **numbers),
+        ),
+    )
+
+
+def tf_static() -> Any:
+    """The lidar above the base, whose points the camera below it takes by LIDAR_TO_CAMERA."""
+    turn = (-0.5, 0.5, -0.5, 0.5)  # of the camera's axes in those of the base
+    place = -LIDAR_TO_CAMERA[:3, :3].T @ LIDAR_TO_CAMERA[:3, 3]
+    poses = [
+        transform("base", "lidar", (0, 0, 0, 1), (1.0, 2.0, 3.0)),
+        transform("base", "camera_link", (0, 0, 0, 1), place + np.array([1.0, 2, 3])),
+        transform("camera_link", "camera_optical", turn, (0.0, 0.0, 0.0)),
+    ]
+    return make("tf2_msgs/msg/TFMessage", transforms=poses)
+
+
+def cloud(time_ns: int, depth_m: Any) -> Any:
+    """Every fourth pixel of a depth map as a lidar sees it, with an intensity between."""
+    y, x = np.mgrid[:HEIGHT:4, :WIDTH:4].reshape(2, -1)
+    z = depth_m[y, x]
+    seen = np.stack([(x - 15.5) * z / FOCAL_PX, (y - 11.5) * z / FOCAL_PX, z, np.ones_like(z)])
+    points = np.zeros(len(z), [("x", "<f4"), ("i", "<u2"), ("y", "<f4"), ("z", "<f4")])
+    for axis, values in zip("xyz", np.linalg.inv(LIDAR_TO_CAMERA) @ seen, strict=False):
+        points[axis] = values
+    kinds = {"f": 7, "u": 4}
+    fields = [
+        make(
+            "sensor_msgs/msg/PointField",
+            name=name,
+            offset=points.dtype.fields[name][1],
+            datatype=kinds[points.dtype[name].kind],
+            count=1,
+        )
+        for name in points.dtype.names
+    ]
+    return make(
+        "sensor_msgs/msg/PointCloud2",
+        header=header(time_ns, "lidar"),
+        height=1,
+        width=len(points),
+        fields=fields,
+        is_bigendian=False,
+        point_step=points.itemsize,
+        row_step=points.nbytes,
+        data=points.view(np.uint8),
+        is_dense=True,
+    )
+
+
+def depth_image(time_ns: int, depth_m: Any, frame: str = "camera_optical") -> Any:
+    message = raw_image(time_ns, "16UC1", np.rint(depth_m * 1000).astype("<u2"))
+    message.header.frame_id = frame
+    return message
+
+
+def test_known_depth_is_that_of_a_topic(inside: Cli) -> None:
+    images = camera_messages([*map(raw_image, TIMES_NS)], "/front/image_raw", camera_info(7))
+    plain, _ = depth_of(inside, images)
+    late, near = TIMES_NS[0] + 40_000_000, 1.5 * plain
+    lidar = [("/points", late, cloud(late, near)), ("/tf_static", 5, tf_static())]
+    words = ("--anchors", "topic:/points", "--anchors-fit", "global", "--topic", "/front/image_raw")
+    fitted, _ = depth_of(inside, images + lidar, *words)
+    np.testing.assert_allclose(fitted, near, rtol=0.01)
+
+    _, printed = depth_of(inside, images + lidar[:1], *words, code=1)
+    assert "/tf_static does not connect the frames lidar and camera_optical" in printed
+    assert "--extrinsics" in printed
+    np.savetxt(inside.folder / "pose.txt", LIDAR_TO_CAMERA)
+    fitted, _ = depth_of(inside, images + lidar[:1], *words, "--extrinsics", "pose.txt")
+    np.testing.assert_allclose(fitted, near, rtol=0.01)
+
+    words = (words[0], "topic:/depth", *words[2:])
+    maps = [("/depth", late, depth_image(late, near))]
+    fitted, _ = depth_of(inside, images + maps, *words)
+    np.testing.assert_allclose(fitted, near, rtol=0.01)
+    maps = [("/depth", late, depth_image(late, near, "ir"))]
+    assert "is of the frame ir" in depth_of(inside, images + maps, *words, code=1)[1]
+
+
+def test_an_image_without_known_depth_near_its_time_is_not_fitted(inside: Cli) -> None:
+    images = camera_messages([*map(raw_image, TIMES_NS)], "/image", camera_info(7))
+    plain, _ = depth_of(inside, images)
+    late = TIMES_NS[1] + 90_000_000  # 190 ms after the first image
+    maps = [("/depth", late, depth_image(late, 2 * plain))]
+    words = ("--anchors", "topic:/depth", "--topic", "/image")
+    depth_m, printed = depth_of(inside, images + maps, *words)
+    np.testing.assert_allclose(depth_m, plain, rtol=1e-5)
+    assert "no message of /depth within 0.1 s" in printed
+    other = (*words[:1], "topic:/other", *words[2:])
+    assert "no topic /other" in depth_of(inside, images + maps, *other, code=1)[1]
+
+
+def test_a_topic_is_no_known_depth_of_an_image_file(inside: Cli) -> None:
+    done = inside("predict", "a.png", "--anchors", "topic:/depth", code=None)
+    assert done.returncode
+    assert b"bag" in done.stderr

@@ -22,7 +22,7 @@ from depthcli.io.manifest import Rows
 from depthcli.io.media import is_archive, is_video
 from depthcli.io.storage.atomic import is_same_file
 from depthcli.io.storage.objects import masked
-from depthcli.io.storage.paths import path_of
+from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.jobs.batch.plan import BatchPlan
 from depthcli.jobs.image import failure_reason
 from depthcli.jobs.outputs import Destination, Kind, MapOptions
@@ -44,6 +44,11 @@ class BatchOptions(MapOptions):
     layout: SceneLayout | None = None  #: whose names outputs have; None for those of depthcli
     transforms: Path | None = None  #: nerfstudio's file, a copy of which states the depth
 
+    @property
+    def topic(self) -> str | None:
+        """The topic of bags with known depth; None if there is none."""
+        return None if isinstance(self.anchors, tuple) else self.anchors.topic
+
     def points_for(self, task: BatchTask) -> KnownDepth | None:
         """The known depth of an image; None if there is none for any, InputError for this one."""
         image, source = path_of(task.input.path), self.anchors
@@ -54,6 +59,22 @@ class BatchOptions(MapOptions):
             raise InputError(f"{file} is its known depth", "choose another {out}")
         source = replace(source, camera=source.camera.of_image(task.intrinsics))
         return replace(read_file(file, source), fit=self.anchors_fit)
+
+    def topic_facts(self) -> tuple[object, ...]:
+        """What the known depth of a topic depends on beside the bag, for a fingerprint."""
+        if isinstance(self.anchors, tuple) or self.topic is None:
+            return ()
+        extrinsics = self.anchors.extrinsics
+        text = read_bytes(extrinsics).hex() if extrinsics else None
+        return self.anchors, self.anchors_fit, text
+
+    def points_of(self, origin: Any, camera: Intrinsics) -> KnownDepth | None:  # noqa: ANN401
+        """The known depth of an image of a bag; None if there is none for any."""
+        from depthcli.known.topics import read_topic  # noqa: PLC0415 - an extra
+
+        if isinstance(self.anchors, tuple) or self.topic is None:
+            return None
+        return replace(read_topic(origin, self.anchors, camera), fit=self.anchors_fit)
 
     def read(self, path: Path | None, data: bytes | None, name: str = "standard input") -> Frame:
         """An image, as in other commands; InputError if programs for scenes see it turned."""

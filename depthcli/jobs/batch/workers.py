@@ -154,7 +154,10 @@ class VideoWorker:
         is_ros, writing = is_bag(task.input.name), options.writing
         if is_ros and (writing.is_normalized or writing.units_per_metre != MILLIMETRES):
             raise InputError("depth in a bag is in millimetres", "leave out {png_scale}")
-        read, open_writer = (bag_members, bag_writer) if is_ros else (members, archive_writer)
+        if is_ros:
+            images, open_writer = bag_members(source, options.column, options.topic), bag_writer
+        else:
+            images, open_writer = members(source, options.column), archive_writer
         failed, warned, first, count = list[str](), dict[str, None](), None, 0
         stage = self.progress.begin(task.input.name, None, "images")
 
@@ -168,7 +171,7 @@ class VideoWorker:
         with (
             atomic_path(path) as temporary,
             open_writer(temporary, options.formats) as write,
-            closing(ordered_map(work, read(source, options.column), workers=self.workers)) as done,
+            closing(ordered_map(work, images, workers=self.workers)) as done,
         ):
             for count, (member, image) in enumerate(done, start=1):  # noqa: B007 - the last one
                 stage(1)
@@ -199,7 +202,8 @@ class VideoWorker:
             camera = camera.of_image(member.camera)
         frame = options.read(Path(member.name), member.data)
         streams = {format_: BytesIO() for format_ in options.formats}
-        done = self.images.job.run(ImageTask(frame, camera, None, streams))
+        points = options.points_of(member.origin, camera)
+        done = self.images.job.run(ImageTask(frame, camera, points, streams))
         if member.origin and not done.depth.is_metric:
             raise InputError("depth in a bag is in metres", "choose a metric {model}")
         warnings = () if has_focal else camera.warnings
@@ -251,7 +255,7 @@ def video_checksum(task: BatchTask, path: Path, options: BatchOptions) -> str:
     kind = "an archive" if is_archive(task.input.name) else "a video"
     if not set(task.outputs) - {VideoFormat.JSON}:
         raise InputError(f"{path} is {kind}, which no format holds", "add {format} png16")
-    if options.anchors:
+    if options.anchors and not (is_bag(task.input.name) and options.topic):
         raise InputError(f"{path} is {kind}, to which anchors do not apply")
     if not path.is_file():
         raise InputError(f"{path} is missing, or no file")
@@ -293,6 +297,7 @@ class WorkerSpec:
             options.reading,
             options.detail,
             options.column,
+            options.topic_facts(),
             session.identity(knows_depth=options.takes_known_depth),
         )
         return CacheKey(checksum, loaded.card.name, loaded.sha256, __version__)
