@@ -53,7 +53,7 @@ def _tool(server: MCPServer) -> Callable[[_Function], _Function]:
 
 def make_server(model: SessionLoader) -> MCPServer:
     """A server of three tools, of which one runs a model."""
-    server = MCPServer("depthcli", version=__version__, instructions=_GUIDE)
+    server = MCPServer("depthcli", version=__version__, instructions=_GUIDE, log_level="ERROR")
 
     @_tool(server)
     def estimate_depth(image: str, out: str, hfov_deg: float | None = None) -> dict[str, Any]:

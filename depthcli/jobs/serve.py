@@ -12,19 +12,21 @@ import logging
 import mimetypes
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from http.client import responses
 from importlib.resources import files
 from io import BytesIO
-from typing import Any
+from typing import Any, NamedTuple
 
 import uvicorn
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, Gauge, Histogram
 from prometheus_client.exposition import generate_latest
 from starlette.applications import Starlette
+from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
@@ -44,6 +46,7 @@ from depthcli.io.formats.table import Format
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.jobs.image import ImageJob, ImageTask, depth_facts
 from depthcli.jobs.outputs import MapOptions
+from depthcli.known.files import SUFFIXES
 
 _LOG = logging.getLogger(__name__)
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -52,7 +55,10 @@ IDLE_S = 75  #: after which silent connections end; nginx and AWS use theirs aga
 _MOST_PARSED = 256
 _RETRY = {"Retry-After": "1"}
 _PROBLEM = "application/problem+json"
+_TYPES = mimetypes.MimeTypes()
+_TYPES.add_type("model/vnd.usdz+zip", ".usdz")
 _IN_FLIGHT = "depthcli_in_flight"
+_IMAGE_FIELDS, _KNOWN = ("image", "file"), "anchors"  # of a form
 _OF_SERVER = {"max_pixels": "the server's --max-pixels"}  #: parameters that no request has
 
 
@@ -72,6 +78,27 @@ class Limits:
     timeout_s: float  #: for one image, with its time in the queue; then the answer is 503
     max_bytes: int  #: of a request's body
     max_pixels: int  #: of an image
+
+
+class _Sent(NamedTuple):
+    """The files of a request."""
+
+    image: bytes
+    known: tuple[str, bytes] | None = None  #: name and bytes of known depth; None if there is none
+
+    @contextmanager
+    def known_file(self) -> Iterator[str | None]:
+        """A temporary file of the known depth, of which only the kind is the client's."""
+        if self.known is None:
+            yield None
+            return
+        name, data = self.known
+        suffixes = (".pcd.bin", *SUFFIXES)  # the first has columns of its own
+        suffix = next((suffix for suffix in suffixes if name.lower().endswith(suffix)), "")
+        with temporary_folder() as folder:
+            path = folder / f"{_KNOWN}{suffix}"
+            path.write_bytes(data)
+            yield str(path)
 
 
 class _Connection(AutoHTTPProtocol):  # type: ignore[misc, valid-type]
@@ -117,7 +144,8 @@ class _RequestLog:
 class DepthServer:
     """The application of a server, for uvicorn or another ASGI server.
 
-    ``parse`` makes the options of a request of the names and values in its query. Requests need the
+    ``parse`` makes the options of a request of the names and values in its query, and of the file
+    of known depth that came with it. Requests need the
     token, or, without one, one of ``hosts`` in their header: pages of other sites have neither.
     Browsers let pages of ``origins`` read the answers. ``parameters`` describe the query for
     ``/openapi.json``.
@@ -126,7 +154,7 @@ class DepthServer:
     def __init__(
         self,
         session: Session,
-        parse: Callable[[tuple[tuple[str, str], ...]], Asked],
+        parse: Callable[[tuple[tuple[str, str], ...], str | None], Asked],
         limits: Limits,
         *,
         token: str | None = None,
@@ -134,7 +162,7 @@ class DepthServer:
         origins: Sequence[str] = (),
         parameters: Sequence[dict[str, Any]] = (),
     ) -> None:
-        self._openapi = _openapi(parameters)
+        self._openapi = _openapi(parameters, has_token=bool(token))
         self.session, self.limits, self.token = session, limits, token
         self._parse = lru_cache(_MOST_PARSED)(parse)  # clients repeat their options
         self._pool = ThreadPoolExecutor(limits.workers)
@@ -145,7 +173,8 @@ class DepthServer:
         # Before 1.7, Starlette cuts hosts at the first colon; no name begins with a bracket.
         allowed = ["*"] if token else [*hosts, "[::1]", "["]
         routes = [
-            Route("/", self._page),
+            Route("/", partial(self._page, "serve.html")),
+            Route("/docs", partial(self._page, "docs.html")),
             Route("/health", self._health),
             Route("/metrics", self._show_metrics),
             Route("/openapi.json", self._show_openapi),
@@ -194,8 +223,8 @@ class DepthServer:
         started(f"http://{name}:{listening.getsockname()[1]}")
         uvicorn.Server(config).run(sockets=[listening])
 
-    async def _page(self, _: Request) -> Response:
-        return HTMLResponse(files("depthcli.jobs").joinpath("serve.html").read_text("utf-8"))
+    async def _page(self, name: str, _: Request) -> Response:
+        return HTMLResponse(files("depthcli.jobs").joinpath(name).read_text("utf-8"))
 
     async def _health(self, _: Request) -> Response:
         card = self.session.model.card
@@ -211,11 +240,9 @@ class DepthServer:
 
     async def _predict(self, request: Request) -> Response:
         self._check_token(request)
+        query = tuple(request.query_params.multi_items())
         try:
-            options = self._parse(tuple(request.query_params.multi_items()))
-            data = await self._image(request)
-        except UsageError as error:
-            raise HTTPException(400, _named_as_in_query(error.message)) from error
+            sent = await self._sent(request)
         except ClientDisconnect as error:
             raise HTTPException(499, "the client has left") from error
         except OSError as error:  # Starlette keeps forms of over 1 MB in a temporary file
@@ -223,11 +250,11 @@ class DepthServer:
         if self._in_flight() >= self.limits.workers + self.limits.queue:
             raise HTTPException(429, "all workers are busy", _RETRY)
         self._waiting.inc()
-        work = self._pool.submit(self._answer, data, options)
+        work = self._pool.submit(self._answer, query, sent)
         work.add_done_callback(lambda _: self._waiting.dec())  # after a timeout, work goes on
         start = time.perf_counter()
         try:
-            body, facts = await asyncio.wait_for(asyncio.wrap_future(work), self.limits.timeout_s)
+            answer = await asyncio.wait_for(asyncio.wrap_future(work), self.limits.timeout_s)
         except TimeoutError:
             raise HTTPException(503, f"not done in {self.limits.timeout_s:g} s", _RETRY) from None
         except (InputError, OutputError, UsageError) as error:
@@ -242,35 +269,35 @@ class DepthServer:
             raise HTTPException(500, reason) from error
         self._seconds.observe(time.perf_counter() - start)
         self._requests.labels(200).inc()
-        kind = mimetypes.guess_type(f"depth{options.format.facts.suffix}")[0]
-        return Response(
-            body, media_type=kind or "application/octet-stream", headers=_headers(facts)
-        )
+        return answer
 
-    async def _image(self, request: Request) -> bytes:
-        """The bytes of an image: the whole body, or ``image`` or ``file`` of a multipart form."""
+    async def _sent(self, request: Request) -> _Sent:
+        """The files of a request: an image is the whole body, or a part of a multipart form."""
         request = type(request)(request.scope, _limited(request.receive, self.limits.max_bytes))
         if "multipart/form-data" not in request.headers.get("content-type", ""):
-            return await request.body()
-        async with request.form(max_files=1) as form:
-            sent = form.get("image", form.get("file"))
-            if sent is None or isinstance(sent, str) or len(form) > 1:
-                problem = (
-                    "the form is not one file named 'image' or 'file'; options are in the query"
-                )
-                raise HTTPException(400, problem)
-            return await sent.read()
+            return _Sent(await request.body())
+        async with request.form(max_files=2) as form:
+            images = [part for name in _IMAGE_FIELDS for part in form.getlist(name)]
+            known = form.getlist(_KNOWN)
+            parts = [part for part in (*images, *known) if isinstance(part, UploadFile)]
+            if len(images) != 1 or len(known) > 1 or len(parts) < len(form):
+                problem = "the form is not one file named 'image' or 'file', and at most one "
+                raise HTTPException(400, f"{problem}named '{_KNOWN}'; options are in the query")
+            data, *others = [(part.filename or "", await part.read()) for part in parts]
+        return _Sent(data[1], *others)
 
-    def _answer(self, data: bytes, options: Asked) -> tuple[bytes, dict[str, Any]]:
+    def _answer(self, query: tuple[tuple[str, str], ...], sent: _Sent) -> Response:
         """The encoded depth of an image and what is known of it; runs in a thread."""
-        limited = replace(options, max_pixels=self.limits.max_pixels)
-        frame, points = limited.read(None, data, "the request"), options.known_points()
+        with sent.known_file() as known:
+            options = self._parse(query, known)
+            limited = replace(options, max_pixels=self.limits.max_pixels)
+            frame, points = limited.read(None, sent.image, "the request"), options.known_points()
         job, body = ImageJob(Pipeline(self.session, options.detail), options.writing), BytesIO()
         done = job.run(ImageTask(frame, options.camera, points, {options.format: body}))
-        warnings = dict.fromkeys((*self.session.warnings, *done.warnings))
-        return body.getvalue(), depth_facts(done.depth) | {
-            "warnings": [*map(_named_as_in_query, warnings)]
-        }
+        warnings = map(_named_as_in_query, (*self.session.warnings, *done.warnings))
+        facts = depth_facts(done.depth) | {"warnings": [*dict.fromkeys(warnings)]}
+        kind = _TYPES.guess_type(f"depth{options.format.facts.suffix}")[0]
+        return Response(body.getvalue(), 200, _headers(facts), kind or "application/octet-stream")
 
     def _in_flight(self) -> int:
         return int(self._metrics.get_sample_value(_IN_FLIGHT) or 0)
@@ -294,26 +321,35 @@ class DepthServer:
         return PlainTextResponse(f"{error.detail}\n", error.status_code, error.headers)
 
 
-def _openapi(parameters: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _openapi(parameters: Sequence[dict[str, Any]], *, has_token: bool) -> dict[str, Any]:
     """The description of the server for programs: OpenAPI 3.1."""
     binary = {"schema": {"type": "string", "contentMediaType": "application/octet-stream"}}
-    file = {"type": "object", "properties": {"image": {"type": "string", "format": "binary"}}}
+    files = {name: {"type": "string", "format": "binary"} for name in (*_IMAGE_FIELDS, _KNOWN)}
+    file = {"type": "object", "properties": files}
     names = ("type", "title", "detail")
     fields = {name: {"type": "string"} for name in names} | {"status": {"type": "integer"}}
-    schema = {"type": "object", "properties": fields}
+    schema = {"type": "object", "properties": fields, "required": [*fields]}
     problem = {"description": "What to do.", "content": {_PROBLEM: {"schema": schema}}}
     depth = {"description": "Depth in the format; Depth-Facts has the facts as JSON."}
-    predict = {
+    predict: dict[str, Any] = {
         "summary": "Depth of an image.",
         "parameters": [*parameters],
         "requestBody": {"content": {"image/*": binary, "multipart/form-data": {"schema": file}}},
         "responses": {"200": depth | {"content": {"*/*": binary}}, "default": problem},
     }
     ok = {"responses": {"200": {"description": "As text or JSON."}}}
+    health = ok | {"summary": "Whether the server works, and its model."}
+    metrics: dict[str, Any] = ok | {"summary": "Requests and seconds, for Prometheus."}
+    if has_token:
+        predict["security"] = metrics["security"] = [{"token": []}]
     return {
         "openapi": "3.1.0",
         "info": {"title": "depthcli serve", "version": __version__},
-        "paths": {"/predict": {"post": predict}, "/health": {"get": ok}, "/metrics": {"get": ok}},
+        "paths": {
+            "/predict": {"post": predict},
+            "/health": {"get": health},
+            "/metrics": {"get": metrics},
+        },
         "components": {"securitySchemes": {"token": {"type": "http", "scheme": "bearer"}}},
     }
 

@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from queue import SimpleQueue
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import urlencode, urlsplit
 
 import cv2
@@ -112,11 +112,19 @@ def test_no_answer_holds_pixels_of_another_client(cli: Cli) -> None:
                 assert server.predict(cut, format=format_).status == 422
 
 
+def form_of(**files: tuple[str, bytes]) -> tuple[bytes, dict[str, str]]:
+    """A multipart form of files by name, and its header."""
+    parts = [
+        b'--x\r\nContent-Disposition: form-data; name="%s"; filename="%s"\r\n\r\n%s\r\n'
+        % (field.encode(), name.encode(), data)
+        for field, (name, data) in files.items()
+    ]
+    return b"".join(parts) + b"--x--\r\n", {"Content-Type": "multipart/form-data; boundary=x"}
+
+
 def test_accepts_a_form_and_anchors(cli: Cli) -> None:
-    part = b'--x\r\nContent-Disposition: form-data; name="image"; filename="/etc/a.png"\r\n\r\n'
-    form = part + png() + b"\r\n--x--\r\n"
+    form, kind = form_of(image=("/etc/a.png", png()))
     with serving(cli) as server:
-        kind = {"Content-Type": "multipart/form-data; boundary=x"}
         reply = server.predict(form, kind, format="npy", anchor="3,4,2.5")
         assert server.predict(form.replace(b"image", b"photo"), kind).status == 400
         assert server.predict(form.replace(b"image", b"file"), kind).status == 200
@@ -128,6 +136,30 @@ def test_accepts_a_form_and_anchors(cli: Cli) -> None:
     assert np.load(cli.folder / "a.npy")[4, 3] == pytest.approx(2.5)
     assert json.loads(reply.headers["Depth-Facts"])["anchors"]["fit"] == "global"
     assert json.loads(asked.headers["Depth-Facts"])["anchors"]["fit"] == "network"
+
+
+def test_known_depth_comes_as_a_file_in_the_form(cli: Cli, inside: Cli) -> None:
+    sparse = np.zeros((48, 64), np.uint16)
+    sparse[4, 3], sparse[40, 60] = 2500 * 2, 4000 * 2
+    files = {
+        "a.csv": (b"x,y,depth_m\n3,4,2.5\n60,40,4\n", ()),
+        "A.PNG": (cv2.imencode(".png", sparse)[1].tobytes(), ("--anchors-scale", "2000")),
+    }
+    (inside.folder / "image.png").write_bytes(png())
+    with serving(cli) as server:
+        for name, (data, more) in files.items():
+            (inside.folder / name.lower()).write_bytes(data)
+            words = ("--anchors", name.lower(), "--anchors-fit", "global", "--format", "npy", *more)
+            wanted = inside("predict", "image.png", "-o", "-", *words).stdout
+            form, kind = form_of(image=("a.png", png()), anchors=(name, data))
+            query = {"anchors_scale": "2000"} if "PNG" in name else {}
+            reply = server.predict(form, kind, format="npy", anchors_fit="global", **query)
+            assert (reply.status, reply.body) == (200, wanted)
+        form, kind = form_of(image=("a.png", png()), anchors=("../../etc/passwd", b"root"))
+        assert server.predict(form, kind).status == 422
+        assert server.predict(png(), anchors_scale="2000").status == 400  # of no file
+        form, kind = form_of(anchors=("a.csv", files["a.csv"][0]))
+        assert server.predict(form, kind).status == 400
 
 
 def test_refuses_requests_that_cannot_be_answered(cli: Cli) -> None:
@@ -329,24 +361,60 @@ def test_no_file_is_written_beside_the_server(cli: Cli, tmp_path: Path) -> None:
         assert list(cli.folder.iterdir()) == list(temporary.iterdir()) == []
 
 
-_VALUES = {"integer": "3", "number": "2", "string": "1"}
-_FORMS = {"anchor": "1,2,3", "centre_px": "3,4", "camera": "hall", "tile": "auto"}
+#: values of what takes a text or has a range of its own, and what is needed beside others
+_TEXTS = {"anchor": "1,2,3", "centre_px": "3,4", "tile": "auto", "focal_35mm": "28", "vmin": "0.1"}
+_BESIDE = {
+    "anchors_fit": {"anchor": "1,2,3"},
+    "near": {"format": "preview"},
+    "half": {"format": "exr"},
+    "black_level": {"white_level": "65535"},
+}
+_OTHERS = {
+    "camera",
+    "layer",
+    "projection",
+    "eye",
+    "mask",
+    "anchors_scale",
+    "anchors_kind",
+    "baseline",
+}
+"""Those that another image, model or file would need."""
 
 
-def test_the_description_for_programs_names_what_the_server_takes(cli: Cli) -> None:
+def values_of(schema: dict[str, Any]) -> list[str]:
+    """All values of a schema, or the ends of its range and what lies between."""
+    if "enum" in schema:
+        return [*schema["enum"]]
+    if schema["type"] == "boolean":
+        return ["true", "false"]
+    ends = [schema[end] for end in ("minimum", "maximum", "default") if end in schema]
+    return [*map(str, ends), *([] if len(ends) > 1 else ["2"])]
+
+
+def test_each_value_in_the_description_for_programs_is_accepted(cli: Cli) -> None:
     with serving(cli) as server:
         description = json.loads(server.ask("/openapi.json").body)
+        assert b"openapi.json" in server.ask("/docs").body
+        assert b"://" not in server.ask("/docs").body  # nothing from elsewhere
         operation = description["paths"]["/predict"]["post"]
         assert description["openapi"].startswith("3.1")
         assert len(operation["parameters"]) > 30
         for parameter in operation["parameters"]:
-            schema = parameter["schema"].get("items", parameter["schema"])
-            value = _FORMS.get(parameter["name"], schema.get("enum", [_VALUES[schema["type"]]])[0])
-            reply = server.predict(b"", **{parameter["name"]: value})
-            assert b"no option named" not in reply.body, parameter
-            assert parameter["description"]
+            name, schema = parameter["name"], parameter["schema"]
+            assert parameter["description"].count("--") == 0
+            values = [_TEXTS[name]] if name in _TEXTS else values_of(schema.get("items", schema))
+            for value in values if name not in _OTHERS else []:
+                reply = server.predict(png(), **{**_BESIDE.get(name, {}), name: value})
+                assert reply.status == 200, (parameter, value, reply.body)
             if "enum" in schema:
-                assert server.predict(b"", **{parameter["name"]: "other"}).status == 400
+                assert server.predict(png(), **{name: "other"}).status == 400
+    form = operation["requestBody"]["content"]["multipart/form-data"]["schema"]
+    assert {*form["properties"]} == {"image", "file", "anchors"}
+    assert "security" not in operation
+    with serving(cli, "--token", "secret") as server:
+        description = json.loads(server.ask("/openapi.json").body)
+    assert description["paths"]["/predict"]["post"]["security"] == [{"token": []}]
 
 
 def test_errors_are_problems_in_json_for_those_who_accept_it(cli: Cli) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import fields
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 _TOKEN = "DEPTHCLI_TOKEN"  # noqa: S105 - the name of a variable
 _REFUSED = {
-    *({one.name for one in fields(options.FitOptions)} - {"anchor", "anchors_fit"}),
+    *("anchors", "extrinsics"),
     *(
         {one.name for one in fields(options.CameraOptions)}
         - {"focal_px", "hfov", "focal_35mm", "pixel_aspect", "centre_px", "camera"}
@@ -103,7 +104,7 @@ def serve(
     if listen.host not in LOOPBACK and not token:
         raise UsageError(f"{listen.host} can be reached from other machines", "give a {token}")
     count, threads = share_cores(workers, model.runtime.threads)
-    parse_request((), listen.camera)
+    parse_request((), camera=listen.camera)
     server = DepthServer(
         parse.session_loader(model.model, model.runtime, threads).load(),
         partial(parse_request, camera=listen.camera),
@@ -146,17 +147,19 @@ def _options(
 _command = command_of(_options)
 
 
-def parse_request(query: Sequence[tuple[str, str]], camera: str | None = None) -> Asked:
+def parse_request(
+    query: Sequence[tuple[str, str]], anchors: str | None = None, camera: str | None = None
+) -> Asked:
     """Options of a request by the names of ``predict``, such as ``focal_px``.
 
-    ``camera`` is the name of a calibrated one for requests that name none.
+    ``anchors`` is the path of the file of known depth that came with it, ``camera`` the name of a
+    calibrated one for requests that name none.
     """
     if camera is not None and "camera" not in dict(query):
         query = (*query, ("camera", camera))
+    words = [*_words(query), *([f"--anchors={anchors}"] if anchors else [])]
     try:
-        request: Asked = _command.main(
-            list(_words(query)), prog_name="/predict", standalone_mode=False
-        )
+        request: Asked = _command.main(words, prog_name="/predict", standalone_mode=False)
     except Exception as error:
         if hasattr(error, "format_message"):  # typer's own errors, all about usage
             raise UsageError(error.format_message().strip().replace("--", "")) from error
@@ -175,18 +178,20 @@ def _parameters() -> dict[str, Any]:
 
 def query_parameters() -> list[dict[str, Any]]:
     """The options of a request as OpenAPI describes parameters of a query."""
-    types = {"int": "integer", "integer": "integer", "float": "number"}
+    types = {"int": "integer", "integer": "integer", "float": "number", "boolean": "boolean"}
     described = []
     for name, parameter in _parameters().items():
-        choices = getattr(parameter.type, "choices", None)
-        schema: dict[str, Any] = {"type": types.get(parameter.type.name.split()[0], "string")}
-        if getattr(parameter, "is_flag", False):
-            schema = {"type": "string", "enum": ["0", "1"]}
-        elif choices:
+        kind = parameter.type
+        schema: dict[str, Any] = {"type": types.get(kind.name.split()[0], "string")}
+        ends = {"minimum": getattr(kind, "min", None), "maximum": getattr(kind, "max", None)}
+        schema |= {end: value for end, value in ends.items() if value is not None}
+        if choices := getattr(kind, "choices", None):
             schema["enum"] = [str(choice) for choice in choices]
         if parameter.multiple:
             schema = {"type": "array", "items": schema}
-        text = parameter.help or ""
+        elif parameter.default is not None and not callable(parameter.default):
+            schema["default"] = parameter.default
+        text = re.sub("--([a-z0-9-]+)", lambda m: m[1].replace("-", "_"), parameter.help or "")
         described.append({"name": name, "in": "query", "description": text, "schema": schema})
     return described
 
