@@ -57,6 +57,7 @@ class SaveOptions(TypedDict, total=False):
     side_by_side: bool | None
     stride: int | None
     max_depth_m: float | None
+    max_error: float | None
     keep_edges: bool | None
     faces: bool | None
     stereo_layout: (
@@ -94,6 +95,8 @@ class DepthMap(types.DepthMap):
         values: (H, W) float32. Metres for ``DepthKind.METRIC``. NaN where there is no depth.
         kind: what the numbers mean.
         provenance: model, camera and known points, as far as they are known.
+        error: (H, W) float32, the expected |depth - true depth| by true depth; None if it was not
+            estimated (``load_model(detail=Detail(error=True))``).
         frame: the image, upright; None if it is not available.
     """
 
@@ -102,7 +105,7 @@ class DepthMap(types.DepthMap):
     @classmethod
     def of(cls, depth: types.DepthMap, frame: types.Frame | None = None) -> Self:
         """Convert a map of the library's inner layers."""
-        return cls(depth.values, depth.kind, depth.provenance, frame)
+        return cls(depth.values, depth.kind, depth.provenance, depth.error, frame)
 
     @property
     def model(self) -> str | None:

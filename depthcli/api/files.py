@@ -112,4 +112,4 @@ def read_depth(
 def _with_nan(depth: types.DepthMap) -> DepthMap:
     """The map with NaN where there is no depth; files also have infinity, and 0 m or less."""
     values = np.where(depth.valid, depth.values, np.float32(np.nan))
-    return DepthMap(values, depth.kind, depth.provenance)
+    return DepthMap(values, depth.kind, depth.provenance, depth.error)

@@ -287,6 +287,11 @@ class MapOptions(DetailOptions):
         "Pixels without depth: none, or those that the model's own mask excludes, such as sky.",
         default=choices.DepthMask.NONE,
     )
+    error: bool = option(
+        "Also estimate the relative error that depth is expected to have: for the channel 'error' "
+        "of EXR, NPZ, html and --json. Implied by --format error and --max-error.",
+        default=False,
+    )
 
 
 @group

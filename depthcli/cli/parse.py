@@ -51,12 +51,12 @@ def session_loader(
 def detail(options: groups.DetailOptions) -> UpsamplingOptions:
     """Upsampling, tiles and mask; UsageError if the tile is neither ``auto`` nor a width."""
     tile = options.tile
-    mask = options.mask if isinstance(options, groups.MapOptions) else choices.DepthMask.NONE
+    more = (options.mask, options.error) if isinstance(options, groups.MapOptions) else ()
     if tile in {None, "auto"}:
-        return UpsamplingOptions(options.upsample, choices.AUTO_TILE if tile else None, mask)
+        return UpsamplingOptions(options.upsample, choices.AUTO_TILE if tile else None, *more)
     if not re.fullmatch(r"0*[1-9][0-9]{0,8}", str(tile)):
         raise UsageError(f"{short_repr(tile)} is neither auto nor a width in pixels", option="tile")
-    return UpsamplingOptions(options.upsample, int(str(tile)), mask)
+    return UpsamplingOptions(options.upsample, int(str(tile)), *more)
 
 
 def writer_options(options: groups.WritingOptions) -> WriterOptions:

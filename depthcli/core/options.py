@@ -113,6 +113,7 @@ class UpsamplingOptions:
     #: width of tiles in pixels of the image; None for no tiles, 0 for 3/4 of its width
     tile_px: int | None = None
     mask: DepthMask = DepthMask.NONE  #: which pixels get no depth
+    error: bool = False  #: whether the relative error that depth is expected to have is estimated
 
     def __post_init__(self) -> None:
         upsampling = chosen(Upsampling, self.upsampling, "upsampling")

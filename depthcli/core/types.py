@@ -273,10 +273,15 @@ class DepthMap:
     values: Float32Array
     kind: DepthKind = DepthKind.METRIC  #: what the numbers mean
     provenance: Provenance = Provenance()  #: how they were made, as far as that is known
+    #: (H, W) float32, expected |depth - true depth| by true depth; None if it is not estimated
+    error: Float32Array | None = None
 
     def __post_init__(self) -> None:
         if self.values.ndim != 2 or self.values.dtype != np.float32:  # noqa: PLR2004
             msg = f"depth is (H, W) float32, not {self.values.shape} {self.values.dtype}"
+            raise ValueError(msg)
+        if self.error is not None and self.error.shape != self.values.shape:
+            msg = f"the error of depth is of its shape, not {self.error.shape}"
             raise ValueError(msg)
         object.__setattr__(self, "kind", DepthKind(self.kind))
 
@@ -304,6 +309,11 @@ class DepthMap:
     def valid(self) -> BoolArray:
         """(H, W) bool: where there is a finite depth, for metres above 0."""
         return has_depth(self.values, self.kind)
+
+    def over(self, covered: Window, window: Window) -> Self:
+        """The map of one window as that of another, with NaN outside the first."""
+        error = None if self.error is None else over_window(self.error, covered, window)
+        return replace(self, values=over_window(self.values, covered, window), error=error)
 
     def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> AnyArray:
         return np.array(self.values, dtype, copy=copy)
@@ -336,7 +346,7 @@ def displayed_depth(depth: DepthMap, windows: Windows | None) -> DepthMap:
     """The part of a frame's map that is in its display window."""
     if windows is None or windows.pixels == windows.display:
         return depth
-    return replace(depth, values=over_window(depth.values, windows.pixels, windows.display))
+    return depth.over(windows.pixels, windows.display)
 
 
 def displayed_frame(frame: Frame) -> Frame:

@@ -63,6 +63,8 @@ class SessionLoader:
             if self.model is None:  # an int8 network, which not all providers run well
                 loaded.load_known_depth = SessionLoader(KNOWN_DEPTH_MODEL, CPU, self.threads).load
             card, threads = loaded.model.card, self.threads or "all"
+            if card.error_model is not None:
+                loaded.load_error = SessionLoader(card.error_model, CPU, self.threads).load
             facts = card.name, card.version, loaded.model.path, loaded.provider, threads
             _LOG.info("model %s %s from %s on %s, %s threads", *facts)
             return loaded

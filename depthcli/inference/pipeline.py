@@ -125,6 +125,11 @@ class Pipeline:
         if self.detail.mask is DepthMask.MODEL and self.card.output.mask is None:
             problem = f"model {self.card.name!r} tells no mask of its own"
             raise InputError(problem, "leave {mask} out, or give another {model}")
+        if self.detail.error and (self.session.error is None or any(known_depth)):
+            of_what = (
+                "fitted to known depth" if any(known_depth) else f"of model {self.card.name!r}"
+            )
+            raise InputError(f"the error of depth {of_what} is not known", "leave {error} out")
         layouts = [layout for _, layout in prepared]
         known_points = [self._for_network(*one) for one in zip(frames, known_depth, strict=True)]
         prompts = [
@@ -213,12 +218,22 @@ class Pipeline:
         if self.detail.mask is DepthMask.MODEL and spec.mask and raw.mask is not None:
             values[transforms.without_depth(spec.mask, raw.mask, layout, frame)] = np.nan
         source = self._provenance(frame, (layout.width, layout.height), camera)
-        depth = DepthMap(values, self.card.output.kind, source)
+        error = self._error(frame) if self.detail.error else None
+        depth = DepthMap(values, self.card.output.kind, source, error)
         warnings = _range_warnings(spec, depth, scale)
         if self.detail.tile_px and tile_px is None:
             wide = f"the image is {frame.width} pixels wide"
             warnings += (Message("it has no effect", wide, option="tile"),)
         return Prediction(depth, warnings), followed
+
+    def _error(self, frame: Frame) -> Float32Array | None:
+        """The relative error that the depth of an image is expected to have, (H, W) float32."""
+        if self.session.error is None:
+            return None
+        card = self.session.error.model.card
+        batch, layout = prepare(card.input, frame)
+        coarse = transforms.coarse_depth(card.output, self.session.error.run(batch)[0], layout)
+        return transforms.full_size(card.output, coarse, frame, options.Upsampling.BILINEAR)
 
     def _calibrated(self, depth_m: Float32Array, scale: CameraScale) -> Float32Array:
         """Metres corrected as it was measured for a camera; NaN where none are left."""

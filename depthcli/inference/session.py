@@ -85,6 +85,7 @@ class Session:
         takes_one: whether the graph was exported for a single image.
         fixed_size: (height, width) that the graph states, in pixels; None where it is dynamic.
         load_known_depth: loads :attr:`known_depth` when it is needed; None if there is none.
+        load_error: likewise for :attr:`error`.
         on_stop: called by :meth:`stop`, for copies of the session in other processes.
     """
 
@@ -104,6 +105,7 @@ class Session:
             raise UsageError(f"provider {provider!r} takes no options", advice)
         self.provider_options = dict(options)
         self.load_known_depth: Callable[[], Session] | None = None
+        self.load_error: Callable[[], Session] | None = None
         self.on_stop: Callable[[], None] | None = None
         self._session = _start(model, names, threads, options)
         self._run_options = ort.RunOptions()
@@ -176,6 +178,11 @@ class Session:
         """The session that takes the place of this one where depth is known; None for none."""
         return self.load_known_depth and self.load_known_depth()
 
+    @cached_property
+    def error(self) -> "Session | None":
+        """The session that estimates the error of the depth of this one; None for none."""
+        return self.load_error and self.load_error()
+
     def identity(self, *, knows_depth: bool = False) -> tuple[object, ...]:
         """What depth depends on besides the image and the options, for fingerprints.
 
@@ -192,8 +199,9 @@ class Session:
         self._run_options.terminate = True
         if self.on_stop is not None:
             self.on_stop()
-        if (other := vars(self).get("known_depth")) is not None:
-            other.stop()
+        for name in ("known_depth", "error"):
+            if (other := vars(self).get(name)) is not None:
+                other.stop()
 
     def _maps(self, raw: AnyArray, count: int) -> Float32Array:
         """An output of (N, h, w), (N, 1, h, w) or (N, h, w, 1) as (N, h, w) float32.

@@ -54,7 +54,7 @@ def _index_end(head: bytes) -> int:
 
 
 _IMAGE_NAME = (
-    r"(?i)(\.((depth|normals)(\.\d{6,})?\.(png|pgm|tiff?)|(preview|stereo)\.png)"
+    r"(?i)(\.((depth|normals)(\.\d{6,})?\.(png|pgm|tiff?)|(preview|stereo|error)\.png)"
     r"|(depth|normals)[^/]*\.exr)$"
 )
 _OTHER_NAME = r"(?i)\.(depth\.(mkv|tar|parquet|mcap|db3)|stereo\.mp4|preview\.(mp4|webm|mov))$"

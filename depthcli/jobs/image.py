@@ -7,9 +7,11 @@
 import logging
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, TypeAlias
+
+import numpy as np
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.types import (
@@ -74,7 +76,7 @@ class ImageJob:
             OutputError: an output cannot be written.
         """
         begin_s = time.perf_counter()
-        prediction = self.pipeline.predict(task.frame, task.camera, task.points)
+        prediction = self._pipeline([task]).predict(task.frame, task.camera, task.points)
         _log(task, "depth", begin_s)
         return self._finish(task, prediction)
 
@@ -83,12 +85,18 @@ class ImageJob:
 
         An error of an image stands in its place.
         """
-        predictions = self.pipeline.predict_many(
+        predictions = self._pipeline(tasks).predict_many(
             [task.frame for task in tasks],
             [task.camera for task in tasks],
             [task.points for task in tasks],
         )
         return [*map(self._finish_or_error, tasks, predictions)]
+
+    def _pipeline(self, tasks: Sequence[ImageTask]) -> Pipeline:
+        """The model; it estimates errors if an output needs them."""
+        if self.writing.max_error is None and not any(Format.ERROR in t.outputs for t in tasks):
+            return self.pipeline
+        return Pipeline(self.pipeline.session, replace(self.pipeline.detail, error=True))
 
     def _finish_or_error(
         self, task: ImageTask, prediction: Prediction | Exception
@@ -158,6 +166,7 @@ def depth_facts(depth: DepthMap) -> dict[str, Any]:
         "kind": depth.kind.value,
         "unit": depth.unit,
         **DepthRange.of(depth)._asdict(),
+        **({} if depth.error is None else {"error": float(np.nanmedian(depth.error))}),
         "width": depth.width,
         "height": depth.height,
         **origin_fields(depth),

@@ -96,6 +96,7 @@ class PixelDepth:
     depth: float | None  #: None without depth
     point_m: tuple[float, ...] | None = None  #: x right, y down, z along the camera axis
     normal: tuple[float, ...] | None = None  #: unit vector towards the camera
+    error: float | None = None  #: expected, as a share of the depth; None if it is not known
 
 
 def depth_at(depth: DepthMap, x: int, y: int) -> PixelDepth:
@@ -105,8 +106,9 @@ def depth_at(depth: DepthMap, x: int, y: int) -> PixelDepth:
     if not depth.valid[y, x]:
         return PixelDepth(None)
     value, focal_px = float(depth.values[y, x]), _focal_px(depth)
+    error = None if depth.error is None else float(depth.error[y, x])
     if focal_px is None:
-        return PixelDepth(value)
+        return PixelDepth(value, error=error)
     left, top = max(x - _REACH_PX, 0), max(y - _REACH_PX, 0)
     part = _cropped(depth, left, top, x + _REACH_PX + 1, y + _REACH_PX + 1)
     xyz_m = surface_of(part, focal_px).xyz_m
@@ -115,7 +117,7 @@ def depth_at(depth: DepthMap, x: int, y: int) -> PixelDepth:
     # Of a plane through the points: steps of a millimetre would tilt the normal of neighbours.
     normal = np.linalg.svd(near - near.mean(axis=0), full_matrices=False)[2][-1]
     normal *= -np.sign(normal @ point_m) or 1
-    return PixelDepth(value, (*map(float, point_m),), (*map(float, normal),))
+    return PixelDepth(value, (*map(float, point_m),), (*map(float, normal),), error)
 
 
 QUANTILES = {"min": 0, "p05": 0.05, "p25": 0.25, "median": 0.5, "p75": 0.75, "p95": 0.95, "max": 1}
@@ -131,6 +133,7 @@ class AreaDepth:
     quantiles: Mapping[str, float | None]  #: by the names of ``QUANTILES``; None without depth
     size_m: tuple[float, float] | None = None  #: width and height of a box at its median depth
     is_on_edge: bool = False  #: whether a box holds a near and a far surface
+    error: float | None = None  #: median of those expected, as a share of the depth
 
 
 def depth_in(depth: DepthMap, area: tuple[int, int, int, int] | BoolArray) -> AreaDepth:
@@ -156,7 +159,10 @@ def depth_in(depth: DepthMap, area: tuple[int, int, int, int] | BoolArray) -> Ar
         width_m, height_m = (side * median_m / focal_px for side in (box.width, box.height))
         size_m = width_m, height_m / depth.provenance.pixel_aspect
         is_on_edge = holds_edge(np.where(box.valid, box.values, np.float32(np.nan)), focal_px)
-    return AreaDepth(valid.size, float(1 - valid.mean()), named, size_m, is_on_edge)
+    error = None
+    if depth.error is not None and valid.any():
+        error = float(np.median(depth.error[mask][valid]))
+    return AreaDepth(valid.size, float(1 - valid.mean()), named, size_m, is_on_edge, error)
 
 
 def _focal_px(depth: DepthMap) -> float | None:
@@ -171,7 +177,7 @@ def _cropped(depth: DepthMap, left: int, top: int, right: int, bottom: int) -> D
     source = depth.provenance
     x, y = source.centre_px or ((depth.width - 1) / 2, (depth.height - 1) / 2)
     values = depth.values[top:bottom, left:right]
-    return replace(depth, values=values, provenance=replace(source, centre_px=(x - left, y - top)))
+    return DepthMap(values, depth.kind, replace(source, centre_px=(x - left, y - top)))
 
 
 def read_mask(file: str) -> BoolArray:

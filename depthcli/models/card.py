@@ -317,6 +317,8 @@ class ModelCard:
         data: the files with weights that are not inside that file.
         float_model: the same network in floats, which replaces this one on other providers than
             the CPU; None if there is none.
+        error_model: the model whose output is the relative error that the depth of this one is
+            expected to have; None if there is none.
         weights: where the weights are published; None if the card does not say.
         verification: how the card was compared with the authors' code; None if the card does not
             say.
@@ -338,6 +340,7 @@ class ModelCard:
     size_bytes: Count | None = None
     data: tuple[DataFile, ...] = ()
     float_model: _ModelName | None = None
+    error_model: _ModelName | None = None
     weights: WeightsSpec | None = None
     verification: Verification | None = None
     training: Mapping[str, Any] = field(default_factory=dict)

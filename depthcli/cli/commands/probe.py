@@ -80,6 +80,7 @@ def _text(value: PixelDepth | AreaDepth, unit: str | None) -> str:
         if value.depth is None:
             return "no depth"
         text = f"{value.depth:.4g} {unit}" if unit else f"{value.depth:.6g} (no unit)"
+        text += "" if value.error is None else f" ± {value.error:.0%}"
         vectors = {"point": value.point_m, "normal": value.normal}
         each = (f"  {name} {v[0]:.3f},{v[1]:.3f},{v[2]:.3f}" for name, v in vectors.items() if v)
         return text + "".join(each)
@@ -88,7 +89,7 @@ def _text(value: PixelDepth | AreaDepth, unit: str | None) -> str:
     values = (f"{k} {v:.4g}" for k, v in value.quantiles.items() if v is not None)
     size = (
         f", {value.size_m[0]:.3g} × {value.size_m[1]:.3g} m wide and high" if value.size_m else ""
-    )
+    ) + ("" if value.error is None else f", expected error {value.error:.0%}")
     return (
         f"{', '.join(values)} {unit or '(no unit)'} in {value.pixels} pixels, "
         f"{value.without_depth:.1%} without depth{size}"

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from depthcli.core.arrays import AnyArray, Float32Array
+from depthcli.core.arrays import AnyArray
 from depthcli.core.options import one_line
 from depthcli.core.surface import surface_of
-from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows, over_window
+from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError
 from depthcli.io.exr import file as exr_file
 from depthcli.io.formats.geometry import camera_of
@@ -18,6 +18,7 @@ from depthcli.io.formats.options import WriterOptions
 from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, stored_depth
 from depthcli.io.stored.metadata import metadata_texts, own_metadata, own_texts
 
+_ERROR = "error"
 _OPENGL = np.array([1, -1, -1], np.float32)
 _COLOURS = ("G", "B", "RY", "BY")
 _UNREAL = re.compile(r"(?i)WorldDepth|^FinalImage.*Depth")  # of its Movie Render Queue, in cm
@@ -43,31 +44,34 @@ class ExrWriter(WriterOptions):
         return warnings
 
     def _channels(
-        self, displayed: DepthMap, stored: Float32Array, windows: tuple[Window, Window] | None
+        self, displayed: DepthMap, stored: DepthMap, windows: tuple[Window, Window] | None
     ) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
         """The channels of a map, which are those of its data window, and warnings."""
         del displayed, windows
-        values: AnyArray = np.ascontiguousarray(stored)
+        values: AnyArray = np.ascontiguousarray(stored.values)
         if self.half:
             with np.errstate(over="ignore"):
                 values = values.astype(np.float16)
-        lost = np.count_nonzero(np.isinf(values) & np.isfinite(stored)) if self.half else 0
+        lost = np.count_nonzero(np.isinf(values) & np.isfinite(stored.values)) if self.half else 0
         warnings = (f"{lost} pixels are beyond half floats and became infinite",) if lost else ()
-        return {self.exr_channel: values}, warnings
+        channels: dict[str, AnyArray] = {self.exr_channel: values}
+        if stored.error is not None:
+            channels[_ERROR] = np.ascontiguousarray(stored.error.astype(values.dtype))
+        return channels, warnings
 
 
 class NormalsExrWriter(ExrWriter):
     """Unit normals in N.X, N.Y and N.Z: x to the right, y up, z towards the camera; 0 without."""
 
     def _channels(
-        self, displayed: DepthMap, stored: Float32Array, windows: tuple[Window, Window] | None
+        self, displayed: DepthMap, stored: DepthMap, windows: tuple[Window, Window] | None
     ) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
         (focal_px, warnings), source = camera_of(displayed), displayed.provenance
         x, y = source.centre_px or ((displayed.width - 1) / 2, (displayed.height - 1) / 2)
         if windows is not None:
             data, display = windows
             x, y = x + display.left - data.left, y + display.top - data.top
-        depth = DepthMap(stored, provenance=replace(source, centre_px=(x, y)))
+        depth = replace(stored, provenance=replace(source, centre_px=(x, y)))
         normals = np.nan_to_num(surface_of(depth, focal_px).normals()) * _OPENGL
         planes = np.moveaxis(normals.astype(np.float16 if self.half else np.float32), -1, 0).copy()
         return {f"N.{axis}": planes[i] for i, axis in enumerate("XYZ")}, warnings
@@ -75,17 +79,17 @@ class NormalsExrWriter(ExrWriter):
 
 def _windowed(
     depth: DepthMap, frame: Frame | None
-) -> tuple[DepthMap, Float32Array, tuple[Window, Window] | None]:
-    """The map in the display window, which its camera is of; the data, and both windows."""
+) -> tuple[DepthMap, DepthMap, tuple[Window, Window] | None]:
+    """The map in the display window, which its camera is of; in the data window; both windows."""
     windows = frame.windows if frame else None
     if windows is None:
-        return depth, depth.values, None
+        return depth, depth, None
     display = windows.display
     # A file has to have a pixel.
     corner = Window(display.left, display.top, display.left + 1, display.top + 1)
     data = corner if windows.valid.is_empty else windows.valid
-    values, stored = (over_window(depth.values, windows.pixels, each) for each in (display, data))
-    return replace(depth, values=values), stored, (data, display)
+    displayed, stored = (depth.over(windows.pixels, each) for each in (display, data))
+    return displayed, stored, (data, display)
 
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
@@ -110,6 +114,9 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     )
     result = stored_depth(path, stored.over(part.data), texts, options.for_name(name), frame)
     warnings = (*result.warnings, doubt) if doubt else result.warnings
+    if _ERROR in channels and "software" in texts:
+        error = np.asarray(channels[_ERROR].over(part.data), np.float32)
+        result = replace(result, depth=replace(result.depth, error=error))
     return replace(result, channel=name, warnings=warnings)
 
 

@@ -34,6 +34,11 @@ class SurfaceWriter(WriterOptions):
     def surface(self, depth: DepthMap) -> tuple[Surface, tuple[Message, ...]]:
         """The points of a map by its camera, and warnings about that."""
         focal_px, warnings = camera_of(depth)
+        if self.max_error is not None:
+            if depth.error is None:
+                raise OutputError("the error of depth is not known", "leave {max_error} out")
+            is_sure = depth.error <= self.max_error
+            depth = replace(depth, values=np.where(is_sure, depth.values, np.float32(np.nan)))
         surface = surface_of(
             depth,
             focal_px,
@@ -43,7 +48,9 @@ class SurfaceWriter(WriterOptions):
             fill_edges=self._fills_edges,
         )
         if not surface.valid.any():
-            raise OutputError("no point is left", "raise {max_depth_m}, or lower {stride}")
+            raise OutputError(
+                "no point is left", "raise {max_depth_m} or {max_error}, or lower {stride}"
+            )
         return surface, warnings
 
     def joined(self, surface: Surface) -> Surface:

@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from depthcli.core.arrays import Float32Array
 from depthcli.core.surface import Surface
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.formats.geometry import SurfaceWriter, camera_of
@@ -82,7 +83,14 @@ def _data(depth: DepthMap, surface: Surface, stride: int) -> dict[str, Any]:
         "nearest_m": nearest_m,
         "log_step": log_step,
         "grid": _text(zlib.compress(grid, 9)),
+        "error": None if depth.error is None else _percent(depth.error[::stride, ::stride]),
     }
+
+
+def _percent(error: Float32Array) -> str:
+    """Errors in whole percent, from 1 to 255."""
+    percent = np.rint(np.nan_to_num(error) * 100).clip(1, 255).astype(np.uint8)
+    return _text(zlib.compress(percent.tobytes(), 9))
 
 
 def _module(name: str) -> str:

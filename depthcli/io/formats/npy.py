@@ -2,9 +2,10 @@
 
 import json
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from depthcli.io.stored.depth import METRIC, DepthReadOptions, StoredDepth, stor
 from depthcli.io.stored.metadata import metadata_texts
 
 _DIMENSIONS, _RGB = 2, 3
+_INTRINSICS, _ERROR = "intrinsics", "error"  # names of arrays
 _NAMES = ("depth", "depths", "depth_m", "metric_depth", "depth_map", "pred", "prediction", "arr_0")
 """Names of the array with depth in an NPZ: Depth Pro, Depth Anything 3, Video Depth Anything."""
 _MAX_BYTES = 8 * OPENCV_MAX_PIXELS
@@ -47,24 +49,28 @@ class NpzWriter:
         """Write the values unchanged."""
         del frame
         with path.open("wb") as file:
-            np.savez(file, depthcli=json.dumps(metadata_texts(depth)), depth=depth.values)
+            arrays: dict[str, Any] = {"depth": depth.values}
+            if depth.error is not None:
+                arrays[_ERROR] = depth.error
+            np.savez(file, depthcli=json.dumps(metadata_texts(depth)), **arrays)
         return ()
 
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     """Depth of one array of floats, or of integers of a known scale."""
-    data, texts, name, cameras = read_bytes(path), dict[str, str](), "", np.empty(0)
+    data, texts, name, others = read_bytes(path), dict[str, str](), "", dict[str, AnyArray]()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the header is read as Python, which may warn
             if path.suffix.lower() == ".npz":
-                name, values, texts, cameras = _named_array(data)
+                name, values, texts, others = _named_array(data)
             else:
                 values = np.lib.format.read_array(BytesIO(data), allow_pickle=False)
     except Exception as error:
         raise InputError(f"{path} is not a NumPy file that can be read") from error
     options = options.for_name(name)
     values = _map_of(values, path, options.frame)
+    cameras = others.get(_INTRINSICS, np.empty(0))
     texts = texts or _camera_texts(cameras, options.frame or 0, values.shape[1])
     is_bare = options.scale is None and options.unstated_scale is None
     if is_bare and options.kind not in {None, *METRIC}:
@@ -73,11 +79,14 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     if result.is_integer and result.scale and result.scale.source == "assumed":
         advice = "state its units per metre, 1000 for millimetres"
         raise InputError(f"{path} holds {values.dtype}, not float metres", advice)
+    if _ERROR in others and texts:
+        depth = replace(result.depth, error=np.asarray(others[_ERROR], np.float32))
+        return replace(result, depth=depth)
     return result
 
 
-def _named_array(data: bytes) -> tuple[str, AnyArray, dict[str, str], AnyArray]:
-    """Name and values of the array of an NPZ with depth, metadata of depthcli, and intrinsics."""
+def _named_array(data: bytes) -> tuple[str, AnyArray, dict[str, str], dict[str, AnyArray]]:
+    """Name and values of an NPZ's array with depth, metadata of depthcli, and other arrays."""
     with np.load(BytesIO(data), allow_pickle=False) as arrays:
         if any(member.file_size > _MAX_BYTES for member in arrays.zip.infolist()):
             raise ValueError("larger than any depth map")
@@ -85,8 +94,8 @@ def _named_array(data: bytes) -> tuple[str, AnyArray, dict[str, str], AnyArray]:
         names = [name for name in arrays.files if name != "depthcli"]
         name = next((name for name in _NAMES if name in names), names[0] if len(names) == 1 else "")
         texts = {str(key): str(text) for key, text in texts.items()}
-        cameras = arrays["intrinsics"] if "intrinsics" in arrays else np.empty(0)
-        return name, np.asarray(arrays[name]), texts, cameras
+        others = {key: arrays[key] for key in (_INTRINSICS, _ERROR) if key in arrays}
+        return name, np.asarray(arrays[name]), texts, others
 
 
 def _camera_texts(matrices: AnyArray, frame: int, width: int) -> dict[str, str]:

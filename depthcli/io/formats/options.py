@@ -134,6 +134,9 @@ class SurfaceOptions:
         rule=_STRIDE,
     )
     max_depth_m: float | None = _option("Leave out what is farther, in metres.", rule=POSITIVE)
+    max_error: float | None = _option(
+        "Leave out what has a larger expected error, as a share of depth: 0.15.", rule=POSITIVE
+    )
     keep_edges: bool = _option(
         "Keep pixels and triangles at edges, which are smeared between near and far.", default=False
     )

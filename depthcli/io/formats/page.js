@@ -29,7 +29,8 @@ async function readGrid() {
     steps[i] = (planes[i] << 8) + planes[count + i] + (i < width ? 0 : steps[i - width]);
     depth[i] = steps[i] ? nearest * Math.exp((steps[i] - 1) * logStep) : 0;
   }
-  return { depth, links: planes.subarray(2 * count) };
+  const errors = data.error ? await inflated(data.error) : null; // in percent of depth
+  return { depth, errors, links: planes.subarray(2 * count) };
 }
 
 // x right, y up, z backwards, as in OpenGL.
@@ -82,7 +83,7 @@ function quantile(values, share) {
 }
 
 THREE.ColorManagement.enabled = false;
-const { depth, links } = await readGrid();
+const { depth, errors, links } = await readGrid();
 const xyz = positionsOf(depth);
 const known = Array.from(depth.keys()).filter((i) => depth[i] > 0);
 const far = quantile(known.map((i) => depth[i]), 0.95);
@@ -171,7 +172,8 @@ function pointAt(event) {
 function showDepth(event) {
   const i = pointAt(event);
   const [x, y] = [(i % data.width) * data.stride, Math.floor(i / data.width) * data.stride];
-  $("depth").textContent = i < 0 ? "no depth here" : `${depth[i].toFixed(3)} m at pixel ${x}, ${y}`;
+  const error = i < 0 || !errors ? "" : ` ± ${((errors[i] * depth[i]) / 100).toFixed(2)} m`;
+  $("depth").textContent = i < 0 ? "no depth here" : `${depth[i].toFixed(3)} m${error} at pixel ${x}, ${y}`;
 }
 
 function pick(event) {

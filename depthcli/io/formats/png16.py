@@ -22,6 +22,7 @@ from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, reciprocal, 
 from depthcli.io.stored.sidecar import with_sidecar
 
 _GRAY_RANK = 2
+_ERROR_STEPS = 10_000.0
 _PGM_TEXT = re.compile(rb"^# (%s\w+) (.*)$" % KEY_PREFIX.encode(), re.MULTILINE)
 _PGM_HEAD_BYTES = 4096
 
@@ -41,6 +42,21 @@ class Png16Writer(WriterOptions):
         head = "\n".join(lines).encode("ascii", "backslashreplace")
         path.write_bytes(head + steps.astype(">u2").tobytes())
         return warnings
+
+
+class ErrorWriter(WriterOptions):
+    """The expected error of depth in steps of 0.01 % of it; 0 where there is no depth."""
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write (H, W) uint16."""
+        del frame
+        if depth.error is None:
+            raise OutputError("the error of depth is not known", "leave it out", option="format")
+        error = np.where(depth.valid, depth.error, np.float32(np.nan))
+        steps, _ = facts.quantized(error, _ERROR_STEPS)
+        texts = facts.metadata_texts(depth) | {"kind": facts.ERROR, "scale": f"{_ERROR_STEPS:g}"}
+        path.write_bytes(encode_png(steps, facts.own_texts(texts)))
+        return ()
 
 
 def stored_steps(

@@ -132,6 +132,7 @@ class Format(StrEnum):
     HTML = "html", _scene("html:HtmlWriter", ".html", ".html", _HTML_MARK, _SURFACE)
     NORMALS = "normals", _stated("geometry:NormalsWriter", ".normals.png", None, _PNG_MARK)
     NORMALS_EXR = "normals-exr", _plate("exr:NormalsExrWriter", ".normals.exr", None, EXR_MARK)
+    ERROR = "error", FormatFacts("png16:ErrorWriter", ".error.png", None, _PNG_MARK)
     STEREO = "stereo", _scene("stereo:StereoWriter", ".stereo.png", None, _PNG_MARK, _STEREO)
     PFM = "pfm", _floats(".depth.pfm", ".pfm")
     TIFF = "tiff", _floats(".depth.tiff", ".tiff")

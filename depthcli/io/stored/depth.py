@@ -83,6 +83,8 @@ class StoredDepth:
         if not stored.size:
             raise InputError(f"{path} has no pixels")
         texts, is_integer = metadata.texts, stored.dtype.kind in "iu"
+        if texts.get("kind") == facts.ERROR:
+            raise InputError(f"{path} holds the expected error of depth, not depth")
         kind = DepthEncoding(texts["kind"]) if texts.get("kind") in set(DepthKind) else None
         encoding = kind or options.kind or DepthEncoding.METRIC
         scale = facts.depth_scale(

@@ -51,6 +51,9 @@ def known_depth_fields(depth: DepthMap) -> dict[str, dict[str, Any] | None]:
     return record if scale is None else {**record, "camera_scale": asdict(scale)}
 
 
+ERROR = "error"  #: kind of a file with the expected error of depth
+
+
 def metadata_texts(depth: DepthMap) -> dict[str, str]:
     """The metadata, the software, a frame's time and the fit to known points as texts by name.
 

@@ -1,0 +1,100 @@
+"""The error that depth is expected to have, from a second model to every output that has it."""
+
+import json
+import re
+
+import cv2
+import numpy as np
+import pytest
+from helpers.command_line import Cli
+from helpers.tiny import synthetic_image, write_model
+
+import depthcli
+
+IMAGE = synthetic_image(24, 32)
+EXPECTED = 0.05 + 0.1 * IMAGE.max(2) / 255  # what is white is twice as wrong
+
+
+@pytest.fixture
+def unsure(inside: Cli) -> Cli:
+    """A command line whose default model knows its error, in a folder with an image."""
+    output = {"kind": "relative", "transform": "linear", "scale": 0.05, "shift": 0.1}
+    write_model(inside.models / "unsure", name="unsure", output=output)
+    write_model(inside.models / "default", error_model="unsure", camera={"hfov_deg": 60.0})
+    cv2.imwrite(str(inside.folder / "a.png"), IMAGE[..., ::-1])
+    return inside
+
+
+def test_files_with_the_error_are_read_back(unsure: Cli) -> None:
+    unsure(
+        "predict", "a.png", *(w for f in ("error", "exr", "npz") for w in ("--format", f)), code=0
+    )
+    steps = cv2.imread(str(unsure.folder / "a.error.png"), cv2.IMREAD_UNCHANGED)
+    assert steps.dtype == np.uint16
+    np.testing.assert_allclose(steps / 10_000, EXPECTED, atol=0.03)  # the network's size is smaller
+    for name in ("a.depth.exr", "a.depth.npz"):
+        depth = depthcli.read_depth(unsure.folder / name)
+        np.testing.assert_allclose(depth.error, steps / 10_000, atol=6e-5)
+        assert depth.error.dtype == np.float32
+    unsure("predict", "a.png", "-o", "plain.exr", code=0)
+    assert depthcli.read_depth(unsure.folder / "plain.exr").error is None
+    done = unsure("info", "a.error.png", code=1)
+    assert b"expected error" in done.stderr
+    assert unsure("predict", "a.error.png", code=None).returncode  # no depth of an error
+
+
+def test_the_error_does_not_change_depth(unsure: Cli) -> None:
+    unsure("predict", "a.png", "-o", "plain.npy", code=0)
+    done = unsure("predict", "a.png", "-o", "a.npy", "--error", "--json", code=0)
+    plain, depth = (np.load(unsure.folder / name) for name in ("plain.npy", "a.npy"))
+    np.testing.assert_array_equal(depth, plain)
+    assert json.loads(done.stdout)["error"] == pytest.approx(np.median(EXPECTED), abs=0.02)
+
+
+def test_probe_and_the_page_show_the_error(unsure: Cli) -> None:
+    unsure("predict", "a.png", "-o", "a.exr", "--error", code=0)
+    error = depthcli.read_depth(unsure.folder / "a.exr").error
+    text = unsure("probe", "a.exr", "3,4", "0,0,32,24", code=0).stdout.decode()
+    assert f"± {error[4, 3]:.0%}" in text
+    assert f"expected error {np.median(error):.0%}" in text
+    facts = json.loads(unsure("probe", "a.exr", "3,4", "--json", code=0).stdout)
+    assert facts["error"] == pytest.approx(error[4, 3])
+    unsure("predict", "a.png", "-o", "a.html", "--error", code=0)
+    assert re.search('"error": "[^"]{8,}"', (unsure.folder / "a.html").read_text())
+    unsure("convert", "a.exr", "-o", "b.exr", code=0)
+    np.testing.assert_array_equal(depthcli.read_depth(unsure.folder / "b.exr").error, error)
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.glb"])
+def test_points_with_a_large_error_are_left_out(unsure: Cli, name: str) -> None:
+    sizes = []
+    for most in ("1", "0.1", "0.01"):
+        done = unsure(
+            "predict", "a.png", "-o", name, "--keep-edges", "--max-error", most, code=None
+        )
+        sizes.append((unsure.folder / name).stat().st_size if not done.returncode else 0)
+        (unsure.folder / name).unlink(missing_ok=True)
+    assert sizes[0] > sizes[1] > sizes[2] == 0
+    assert b"--max-error" in done.stderr
+
+
+def test_what_has_no_error_says_so(unsure: Cli) -> None:
+    words = ("predict", "a.png", "--error", "--anchor", "3,4,2")
+    assert b"known depth" in unsure(*words, code=1).stderr
+    write_model(unsure.models / "other", name="other")
+    done = unsure("predict", "a.png", "--format", "error", "--model", "other", code=1)
+    assert b"'other' is not known" in done.stderr
+    unsure("predict", "a.png", "-o", "a.npy", code=0)
+    assert b"--max-error" in unsure("convert", "a.npy", "-o", "a.ply", "--max-error", "1").stderr
+
+
+def test_a_batch_writes_the_error_of_each(unsure: Cli) -> None:
+    (unsure.folder / "in").mkdir()
+    for i in range(3):
+        cv2.imwrite(str(unsure.folder / f"in/{i}.png"), IMAGE[..., ::-1] // (i + 1))
+    unsure("batch", "in", "-o", "out", "--format", "error", code=0)
+    medians = [
+        np.median(cv2.imread(str(unsure.folder / f"out/{i}.error.png"), cv2.IMREAD_UNCHANGED))
+        for i in range(3)
+    ]
+    assert medians[0] > medians[1] > medians[2] > 0
