@@ -36,7 +36,7 @@ from depthcli.lab.datasets.base import held_out_scenes
 
 OUTPUT = "error"
 CHANNELS = (128, 96, 48, 16)  # of the decoder, from the coarsest map
-WIDTH, BATCH, RATE = 48, 16, 3e-3
+WIDTH, BATCH, RATE = 48, 12, 3e-3
 PREFIX = "head/"
 PAIRS = 1000  # that may be looked at
 
@@ -116,17 +116,18 @@ class Samples:
             raw, *maps = session.run(["depth", *names], {"image": image})
             size = raw.shape[:1:-1]
             truth = np.log(cv2.resize(truth_m, size, interpolation=cv2.INTER_AREA).clip(0.2, 12))
-            row = image, raw, truth[None, None], *maps
+            truth = truth[None, None]
+            row = image, raw, truth, *maps
             for part, array in zip(parts, row, strict=True):
-                part.append(array[0].astype(np.float16 if len(array[0]) > 1 else np.float32))
-        self.parts = [torch.from_numpy(np.stack(part)) for part in parts]
+                part.append(array[0].astype(np.float32 if array is truth else np.float16))
+        self.parts = [torch.from_numpy(np.stack(parts.pop(0))) for _ in range(len(parts))]
 
     def __len__(self) -> int:
         return len(self.parts[0])
 
     def log_m(self, chosen: Tensor) -> Tensor:
         """The network's log depth."""
-        return self.parts[1][chosen] * self.codec[0] + self.codec[1]
+        return self.parts[1][chosen].float() * self.codec[0] + self.codec[1]
 
     def batch(self, chosen: Tensor, *, mirrored: bool = False) -> tuple[list[Tensor], Tensor]:
         """Inputs of the head, and |log error| at its size."""
@@ -319,7 +320,7 @@ def main() -> None:
     parser.add_argument("--labels", type=Path, required=True)
     parser.add_argument("-o", "--out", type=Path, required=True)
     parser.add_argument("--line", type=float, nargs=2)
-    parser.add_argument("--steps", type=int, default=1600)
+    parser.add_argument("--steps", type=int, default=600)
     options = parser.parse_args()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.command_line import Cli
 from helpers.tiny import synthetic_image, write_model
+from helpers.videos import write_video
 
 import depthcli
 
@@ -98,3 +99,11 @@ def test_a_batch_writes_the_error_of_each(unsure: Cli) -> None:
         for i in range(3)
     ]
     assert medians[0] > medians[1] > medians[2] > 0
+
+
+def test_frames_of_a_video_have_the_error(unsure: Cli) -> None:
+    write_video(unsure.folder / "clip.mkv", [IMAGE] * 2)
+    words = ("-o", "out/%04d.exr", "--error", "--smooth", "0.2")
+    unsure("video", "clip.mkv", *words, code=0)
+    for path in (unsure.folder / "out").glob("*.exr"):
+        np.testing.assert_allclose(depthcli.read_depth(path).error, EXPECTED, atol=0.03)

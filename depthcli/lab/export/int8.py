@@ -115,9 +115,15 @@ def _exact_nodes(model: onnx.ModelProto) -> list[str]:
     return names + [node.name for node in sources if not read.isdisjoint(node.output)]
 
 
-def _first_nodes(model: onnx.ModelProto) -> list[str]:
-    """Names of the first convolution, of a depthwise separable one after it, and of activations."""
-    names, convolutions, name = list[str](), 0, INPUT
+def _first_nodes(model: onnx.ModelProto, start: str = INPUT) -> list[str]:
+    """Names of the first convolution, of a depthwise separable one after it, and of activations.
+
+    Likewise those of an input that is made smaller first.
+    """
+    names, convolutions, name = list[str](), 0, start
+    for node in model.graph.node:
+        if node.op_type == "AveragePool" and start in node.input:
+            names += [node.name, *_first_nodes(model, node.output[0])]
     while True:
         node = next((n for n in model.graph.node if name in n.input and n.op_type in _CHAIN), None)
         if node is None:
