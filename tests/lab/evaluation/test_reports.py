@@ -188,16 +188,6 @@ def test_named_images_keep_their_order_and_must_be_compared() -> None:
         choose_images(task, ["0009"])
 
 
-def test_depth_without_metres_is_fitted_before_it_is_shown() -> None:
-    task = _task(["a_1"], (120, 160))
-    dataset = task.dataset
-    dataset.depths_m[:] = np.linspace(1, 8, 160, dtype=np.float32)
-    inverse = {"0000": (5 / dataset.depths_m[0] + 3).astype(np.float32)}
-    gray, _ = draw_figures(task, (0,), [("inverse", Playback(inverse, DepthKind.INVERSE))])
-    sheet = _pixels(gray)
-    assert np.abs(_cell(sheet, 0, 1) - _cell(sheet, 0, 2)).max() <= 1
-
-
 def test_holes_of_the_truth_are_no_depth() -> None:
     task = _task(["a_1"], (120, 160))
     dataset = task.dataset

@@ -100,17 +100,6 @@ def test_a_card_that_cannot_be_written_leaves_the_old_model(
     }
 
 
-def test_card_is_json(tmp_path: Path, checkpoint: Path) -> None:
-    done = export_checkpoint(checkpoint, tmp_path / "m.onnx", ExportOptions())
-    card = json.loads((tmp_path / "m.card.json").read_text("utf-8"))
-    assert card["file"] == "m.onnx"
-    assert card["bytes"] == done.path.stat().st_size
-    assert card["sha256"] == hashlib.sha256(done.path.read_bytes()).hexdigest()
-    sizes = ((1, 32, 48), (3, 32, 48), (1, 48, 32), (2, 16, 48), (1, 64, 96))
-    assert done.parity.cases == sizes  # a batch, on its side, half as high, twice as large
-    assert card["onnx"] == {"opset": 17, "ir": 8}
-
-
 def _card(path: Path, options: ExportOptions | None = None, **facts: Any) -> ModelCard:
     saved = Checkpoint.load(write_checkpoint(path / "last.ckpt", **facts))
     return card_of(saved, options or ExportOptions())

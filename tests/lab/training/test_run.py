@@ -116,21 +116,6 @@ def test_a_scale_that_overflows_skips_the_step_and_is_halved() -> None:
         assert torch.equal(was, weight)
 
 
-def test_each_step_moves_the_average() -> None:
-    config = updated(PAPER, {**PLAIN, "optim": {"pool_size": 0, "ema": 0.9}})
-    run = Run(config, Fabric(accelerator="cpu", devices=1), 5)
-    random = torch.Generator().manual_seed(0)
-    gray = torch.rand(1, 1, 32, 32, generator=random) * 2 - 1
-    depth_m = torch.rand(1, 1, 32, 32, generator=random) * 5 + 1
-    before = {n: w.clone() for n, w in run.average.network.state_dict().items()}
-    run.step(TrainingBatch(gray, depth_m))
-    now = run.method.generator.state_dict()
-    for name, average in run.ema_generator.state_dict().items():
-        if average.is_floating_point():
-            torch.testing.assert_close(average, torch.lerp(before[name], now[name], 1 - 1 / 10))
-    assert any(not torch.equal(before[name], now[name]) for name in now)
-
-
 def test_linear_is_constant_within_an_epoch() -> None:
     optim = OptimConfig(epochs_constant=1, epochs_decay=3)
     found = [optim.lr_factor(step, steps_per_epoch=2) for step in range(8)]

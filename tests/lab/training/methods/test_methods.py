@@ -127,12 +127,6 @@ def test_an_unpaired_method_is_never_shown_pairs(name: str) -> None:
         build_method(config)
 
 
-def test_the_proposed_method_learns_with_or_without_pairs() -> None:
-    build_method(tiny("proposed"))
-    without = updated(tiny("proposed", l1=0), {"data": {"paired": False}})
-    build_method(without)
-
-
 UNPAIRED = ("cyclegan", "cut", "fastcut", "dclgan", "simdcl", "hnegsrc")
 WEIGHTS = {
     "cyclegan": {"adversarial": 1, "cycle": 10, "identity": 5},
