@@ -52,9 +52,7 @@ def test_evaluator_equals_the_plain_loop(
         EvalProtocol(averaging=averaging, full_size_px=SMALL),
     )
     images = [
-        plain.compare(
-            dataset.depths_m[i].tolist(), predictor.maps[dataset.ids[i]].tolist(), how=alignment
-        )
+        plain.compare(dataset.depths_m[i], predictor.maps[dataset.ids[i]], how=alignment)
         for i in (1, 2, 5)
     ]
     expected = plain.average(images, pooled=averaging is Averaging.POOLED)

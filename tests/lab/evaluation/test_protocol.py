@@ -66,14 +66,10 @@ def test_comparison_at_another_size_equals_the_plain_loop() -> None:
     truth = protocol.truth(depth_m)
     pixels = protocol.compare(DepthMap(predicted), truth, Alignment.NONE)
 
-    inside = ((depth_m > 1e-3) & (depth_m < 10)).astype(float).tolist()
-    valid = [[v > 1 - 1e-6 for v in line] for line in plain.bilinear(inside, 9, 9)]
-    pairs = plain.compare(
-        plain.bilinear(depth_m.tolist(), 9, 9),
-        plain.bilinear(predicted.tolist(), 9, 9),
-        valid=valid,
-    )
-    assert 0 < len(pairs) < 81
+    inside = (depth_m > 1e-3) & (depth_m < 10)
+    maps = (plain.bilinear(values, 9, 9) for values in (depth_m, predicted))
+    pairs = plain.compare(*maps, valid=plain.bilinear(inside, 9, 9) > 1 - 1e-6)
+    assert 0 < len(pairs[0]) < 81
     expected = plain.metrics(pairs)
     for name, value in PixelSums.of(pixels).scores().items():
         assert value == pytest.approx(expected[name], rel=2e-6, abs=1e-6), name
