@@ -73,28 +73,6 @@ def test_thresholds_are_strict() -> None:
     assert score("d1", DepthPixels.of(np.array([5.0]), np.array([4.0]))) == 0.0
 
 
-@pytest.mark.parametrize("order", [1, -1])
-def test_parts_give_the_same_in_any_order_of_the_metrics(order: int) -> None:
-    """Each quantity has memory of its own."""
-    rng = np.random.default_rng(7)
-    pixels = DepthPixels.of(*rng.uniform(0.5, 9.5, (2, 100_000)))
-    assert len(list(pixels.parts())) == 2
-    names = list(METRICS)[::order]
-    sums = dict.fromkeys(names, 0.0)
-    for part in pixels.parts():
-        for name in names:
-            sums[name] += METRICS[name].sums(part)[0]
-    whole = {name: METRICS[name].sums(pixels)[0] for name in names}
-    assert sums == pytest.approx(whole, rel=1e-9)
-    quantities = ("log_error", "error_m", "ratio", "predicted_m", "truth_m", "relative_error")
-    (first, *_) = DepthPixels.of(*rng.uniform(0.5, 9.5, (2, 100))).parts()
-    for name in quantities[::order]:
-        getattr(first, name)
-    alone = DepthPixels(first.truth, first.prediction)
-    for name in quantities:
-        np.testing.assert_array_equal(getattr(first, name), getattr(alone, name))
-
-
 def test_a_metric_of_ones_own_gets_all_pixels_of_an_image() -> None:
     """Larger than a part; of several images pooled, it is weighted by their pixels."""
     random, before = np.random.default_rng(0), {"abs_rel": 0.5}
@@ -122,20 +100,6 @@ def test_a_metric_of_ones_own_gets_all_pixels_of_an_image() -> None:
 def test_bounds_of_the_truth_are_strict() -> None:
     truth = np.array([0.0, 1e-3, 1.1e-3, 9.99, 10.0, 11.0, np.nan, np.inf])
     assert DepthPixels.of(truth, np.ones(8)).truth_m.tolist() == [1.1e-3, 9.99]
-
-
-def test_inputs_are_left_as_they_are() -> None:
-    truth, predicted = np.array([1.0, 20.0]), np.array([np.nan, np.inf])
-    DepthPixels.of(truth, predicted)
-    assert truth.tolist() == [1.0, 20.0]
-    assert np.isnan(predicted[0])
-    assert np.isposinf(predicted[1])
-
-
-def test_float32_images_are_compared_in_float64() -> None:
-    truth = np.full((2, 2), 3.0, np.float32)
-    pixels = DepthPixels.of(truth, np.full((2, 2), 0.1, np.float32))
-    assert pixels.truth_m.dtype == pixels.predicted_m.dtype == pixels.log_error.dtype == np.float64
 
 
 def test_shapes_have_to_agree() -> None:

@@ -116,23 +116,21 @@ def test_a_scale_that_overflows_skips_the_step_and_is_halved() -> None:
         assert torch.equal(was, weight)
 
 
-def test_linear_is_constant_within_an_epoch() -> None:
-    optim = OptimConfig(epochs_constant=1, epochs_decay=3)
-    found = [optim.lr_factor(step, steps_per_epoch=2) for step in range(8)]
-    assert found == pytest.approx([1, 1, 0.75, 0.75, 0.5, 0.5, 0.25, 0.25])
+COSINE = [min(1, (i + 1) / 4) * (1 + math.cos(math.pi * i / 20)) / 2 for i in range(20)]
 
 
-def test_cosine_with_warm_up() -> None:
-    optim = OptimConfig(epochs_constant=0, epochs_decay=5, schedule="cosine", warmup_steps=4)
-    for step in range(20):
-        wanted = min(1, (step + 1) / 4) * (1 + math.cos(math.pi * step / 20)) / 2
-        assert optim.lr_factor(step, steps_per_epoch=4) == pytest.approx(wanted)
-
-
-def test_linear_with_warm_up() -> None:
-    optim = OptimConfig(epochs_constant=1, epochs_decay=1, warmup_steps=4)
-    found = [optim.lr_factor(step, steps_per_epoch=3) for step in range(6)]
-    assert found == pytest.approx([1 / 4, 2 / 4, 3 / 4, 1 / 2, 1 / 2, 1 / 2])
+@pytest.mark.parametrize(
+    ("epochs", "more", "rates"),
+    [
+        ((1, 3), {}, [1, 1, 0.75, 0.75, 0.5, 0.5, 0.25, 0.25]),
+        ((1, 1), {"warmup_steps": 4}, [1 / 4, 2 / 4, 3 / 4, 1 / 2, 1 / 2, 1 / 2]),
+        ((0, 5), {"warmup_steps": 4, "schedule": "cosine"}, COSINE),
+    ],
+)
+def test_rates(epochs: tuple[int, int], more: dict[str, Any], rates: list[float]) -> None:
+    optim = OptimConfig(epochs_constant=epochs[0], epochs_decay=epochs[1], **more)
+    count = len(rates) // sum(epochs)
+    assert [optim.lr_factor(i, count) for i in range(len(rates))] == pytest.approx(rates)
 
 
 def test_follows_the_decay_and_forgets_the_first_weights_soon() -> None:
