@@ -21,19 +21,18 @@ def test_headline_counts_the_full_frame_inside_the_range() -> None:
     assert not truth.valid[0, :4].any()
 
 
-def test_eigen_crop_is_rows_45_to_470_and_columns_41_to_600() -> None:
-    truth = EvalProtocol(crop=Crop.EIGEN).truth(np.full((480, 640), 2.0, np.float32))
-    rows, columns = np.nonzero(truth.valid)
-    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (45, 470, 41, 600)
-    assert truth.depth_m.size == 426 * 560
-
-
-def test_s2d_crop_is_the_middle_304_by_228_pixels_at_half_the_size() -> None:
-    truth = EvalProtocol(crop=Crop.S2D).truth(np.full((480, 640), 2.0, np.float32))
-    rows, columns = np.nonzero(truth.valid)
-    assert truth.valid.shape == (240, 320)
-    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (6, 233, 8, 311)
-    assert truth.depth_m.size == 228 * 304
+@pytest.mark.parametrize(
+    ("crop", "shape", "expected"),
+    [
+        (Crop.EIGEN, (480, 640), (45, 470, 41, 600)),
+        (Crop.S2D, (240, 320), (6, 233, 8, 311)),  # the middle 304 by 228 pixels
+    ],
+)
+def test_crops(crop: Crop, shape: tuple[int, int], expected: tuple[int, ...]) -> None:
+    truth = EvalProtocol(crop=crop).truth(np.full((480, 640), 2.0, np.float32))
+    (top, left), (bottom, right) = (end(np.nonzero(truth.valid), 1) for end in (np.min, np.max))
+    assert (truth.valid.shape, (top, bottom, left, right)) == (shape, expected)
+    assert truth.depth_m.size == (bottom - top + 1) * (right - left + 1)
 
 
 def test_raw_mask_counts_measured_pixels() -> None:

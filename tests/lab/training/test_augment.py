@@ -8,7 +8,7 @@ import torch
 from helpers.seeded import seeded
 from torch import Tensor
 
-from depthcli.lab.training.augment import augment, cutmix, to_network_input
+from depthcli.lab.training.augment import augment, cutmix
 from depthcli.lab.training.config import DataConfig
 
 PLAIN = DataConfig(width=32, height=24)
@@ -111,14 +111,6 @@ def test_strengths_are_standard_deviations() -> None:
     assert float(deviations.max()) == pytest.approx(0.1, rel=0.1)
     assert float(noise.mean()) == pytest.approx(0.5, abs=1e-3)
     assert float(_lit(1e-6, gamma=0.2).log().mean()) == pytest.approx(math.log(1e-4), rel=0.05)
-
-
-def test_gray_is_value_or_luma() -> None:
-    rgb = torch.tensor([0.2, 0.6, 0.1]).view(1, 3, 1, 1)
-    assert float(to_network_input(rgb, PLAIN)) == pytest.approx(2 * 0.6 - 1)
-    luma = 0.299 * 0.2 + 0.587 * 0.6 + 0.114 * 0.1
-    found = float(to_network_input(rgb, replace(PLAIN, colour="luma")))
-    assert found == pytest.approx(2 * luma - 1, abs=1e-6)
 
 
 COUNT, HEIGHT, WIDTH = 50, 24, 32

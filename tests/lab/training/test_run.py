@@ -38,43 +38,6 @@ PLAIN = {"loss": {"contrast_x": 0.0, "contrast_y": 0.0}, "optim": {"pool_size": 
 """Nothing is drawn by chance."""
 
 
-def _gradients(config: TrainConfig, batch: TrainingBatch) -> dict[str, torch.Tensor]:
-    """Of every phase's losses, as a run computes them."""
-    run, gradients = Run(config, Fabric(accelerator="cpu", devices=1), 5), {}
-    for phase, optimizer in run.optimizers.items():
-        optimizer.zero_grad()
-        terms = run.module(batch, phase)
-        run.fabric.backward(torch.stack(list(terms.values())).sum())
-        named = run.method.named_parameters()
-        gradients |= {n: w.grad.clone() for n, w in named if w.grad is not None}
-    return gradients
-
-
-@pytest.mark.parametrize("antialias", [False, True])
-def test_gradients_of_one_image_are_those_of_the_same_image_twice(antialias: bool) -> None:
-    """Instance norm has gone wrong for one image alone in channels-last memory."""
-    generator: dict[str, Any] = {"antialias": antialias}
-    config = updated(PAPER, {**PLAIN, "generator": generator})
-    random = torch.Generator().manual_seed(0)
-    gray = torch.rand(1, 1, 32, 32, generator=random) * 2 - 1
-    depth_m = torch.rand(1, 1, 32, 32, generator=random) * 5 + 1
-    once = _gradients(config, TrainingBatch(gray, depth_m))
-    twice = _gradients(
-        config, TrainingBatch(gray.expand(2, -1, -1, -1), depth_m.expand(2, -1, -1, -1))
-    )
-    assert once.keys() == twice.keys()
-    kernels = [name for name in once if once[name].ndim > 1]
-    assert {name.partition(".")[0] for name in kernels} == {
-        "generator",
-        "backward_generator",
-        "depth_discriminator",
-        "gray_discriminator",
-    }
-    for name in kernels:  # a bias before a norm has no gradient but rounding
-        off = (once[name] - twice[name]).norm() / twice[name].norm()
-        assert float(off) < 1e-2, name
-
-
 @pytest.mark.parametrize("config", [EFFICIENT, PAPER], ids=["efficient", "resnet"])
 def test_networks_are_channels_last(config: TrainConfig) -> None:
     run = Run(config, Fabric(accelerator="cpu", devices=1), 5)
