@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from depthcli.core import options
 from depthcli.core.camera import (
@@ -19,70 +17,19 @@ from depthcli.core.camera import (
     CameraScale,
     Distortion,
     Intrinsics,
-    focal_px_of_hfov,
-    hfov_deg,
 )
-from depthcli.core.imageops import luma, resize_area, resize_bilinear, rgb, value_channel
+from depthcli.core.imageops import value_channel
 from depthcli.core.options import AUTO_TILE, DepthMask, Upsampling, UpsamplingOptions
 from depthcli.core.types import (
     DepthCodec,
     DepthKind,
     DepthMap,
-    DepthRange,
     Frame,
     Provenance,
     Transform,
 )
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, UsageError
-
-RANDOM = np.random.default_rng(3)
-
-
-def plain_bilinear(values: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Half-pixel centres, edges repeated, one pixel at a time."""
-    rows, columns = values.shape
-    out = np.empty((height, width))
-    for i in range(height):
-        y = min(max((i + 0.5) * rows / height - 0.5, 0), rows - 1)
-        for j in range(width):
-            x = min(max((j + 0.5) * columns / width - 0.5, 0), columns - 1)
-            top, left = int(y), int(x)
-            low, right = min(top + 1, rows - 1), min(left + 1, columns - 1)
-            fy, fx = y - top, x - left
-            above = values[top, left] * (1 - fx) + values[top, right] * fx
-            below = values[low, left] * (1 - fx) + values[low, right] * fx
-            out[i, j] = above * (1 - fy) + below * fy
-    return out
-
-
-@pytest.mark.parametrize("size", [(13, 7), (4, 3), (5, 11), (1, 1)])
-def test_bilinear_has_half_pixel_centres(size: tuple[int, int]) -> None:
-    values = RANDOM.random((5, 6), np.float32)
-    assert resize_bilinear(values, *size) == pytest.approx(plain_bilinear(values, *size), abs=1e-5)
-
-
-def test_area_is_the_mean_where_it_shrinks() -> None:
-    values = RANDOM.random((6, 8), np.float32)
-    means = values.reshape(3, 2, 4, 2).mean((1, 3))
-    assert resize_area(values, 4, 3) == pytest.approx(means, abs=1e-6)
-
-
-def test_area_is_bilinear_along_an_axis_that_grows() -> None:
-    values = RANDOM.random((6, 8), np.float32)
-    rows = values.reshape(3, 2, 8).mean(1)
-    assert resize_area(values, 16, 3) == pytest.approx(plain_bilinear(rows, 16, 3), abs=1e-5)
-
-
-@pytest.mark.parametrize(("dtype", "top"), [(np.uint8, 255), (np.uint16, 65535)])
-def test_value_is_the_largest_channel_at_full_precision(dtype: type, top: int) -> None:
-    pixels = RANDOM.integers(0, top, (4, 5, 3)).astype(dtype)
-    wanted = [[max(map(int, pixel)) / top for pixel in row] for row in pixels]
-    assert value_channel(pixels) == pytest.approx(np.array(wanted), abs=1e-7)
-    assert value_channel(pixels[..., 0]) == pytest.approx(pixels[..., 0] / top, abs=1e-7)
-    weighted = pixels / top @ np.array([0.299, 0.587, 0.114])
-    assert luma(pixels) == pytest.approx(weighted, abs=1e-6)
-    assert rgb(pixels[..., 0]).shape == (4, 5, 3)
 
 
 def test_float_pixels_are_kept_within_zero_and_one() -> None:
@@ -106,29 +53,6 @@ def test_decoding_is_its_formula(transform: Transform) -> None:
         scaled = codec.times(1.03).decode(np.float32(raw))
     assert found.tolist() == pytest.approx([*expected, math.nan], rel=1e-6, nan_ok=True)
     assert scaled.tolist() == pytest.approx([1.03 * value for value in expected], rel=1e-6)
-
-
-def test_codings_put_their_ends_at_minus_one_and_one() -> None:
-    """Linear is the paper's."""
-    for codec, ends in (
-        (DepthCodec(scale=5, shift=5), (0, 10)),
-        (DepthCodec.log_m(0.4, 10), (0.4, 10)),
-        (DepthCodec(), (-1, 1)),
-    ):
-        assert codec.decode(np.float32([-1, 1])) == pytest.approx(ends, rel=1e-5)
-
-
-def test_focal_lengths() -> None:
-    assert focal_px_of_hfov(63.3, 640) == pytest.approx(518.86, rel=2e-3)
-    assert focal_px_of_hfov(90, 1000) == pytest.approx(500)
-    assert Intrinsics(focal_35mm=36).focal_for(360, 240) == pytest.approx(360)
-    for camera, at_640 in (
-        (Intrinsics(500), 500),
-        (Intrinsics(500, 90), 320),
-        (Intrinsics(), None),
-    ):
-        assert camera.focal_for(640, 480) == (at_640 and pytest.approx(at_640))
-        assert camera.has_focal == (at_640 is not None)
 
 
 @pytest.mark.parametrize(
@@ -176,20 +100,6 @@ def test_doubts_about_a_calibration_are_warnings() -> None:
         assert advice in warning
 
 
-def test_camera_of_one_image_keeps_all_of_the_common_one_but_its_focal_length() -> None:
-    scale = CameraScale("a", "m", "", 2.0, 0.0, None, 1, 1)
-    common = replace(CALIBRATED, scale=scale)
-    assert common.of_image(None) is common
-    assert common.of_image(Intrinsics(5.0)) == replace(common, focal_px=5.0)
-    own = Intrinsics(5.0, centre_px=(1.0, 2.0), pixel_aspect=1.1)
-    assert common.of_image(own) == replace(own, scale=scale)
-
-
-@given(st.floats(0.1, 179.9), st.integers(1, 20_000))
-def test_a_field_of_view_is_that_of_its_focal_length(degrees: float, width: int) -> None:
-    assert hfov_deg(focal_px_of_hfov(degrees, width), width) == pytest.approx(degrees)
-
-
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
 
 
@@ -213,29 +123,6 @@ def test_invalid_image_is_refused_in_one_line(pixels: np.ndarray) -> None:
 def test_a_pixel_has_a_width_and_a_height(aspect: float) -> None:
     with pytest.raises(InputError):
         Frame(np.zeros((2, 2), np.uint8), pixel_aspect=aspect)
-
-
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-def test_people_see_eight_bits_and_three_channels(dtype: type) -> None:
-    top = 1 if dtype is np.float32 else np.iinfo(dtype).max
-    gray, colour = np.full((4, 5), top, dtype), np.full((4, 5, 3), top, dtype)
-    for pixels in (gray, colour):
-        np.testing.assert_array_equal(Frame(pixels).pixels_8bit(), np.full((4, 5, 3), 255))
-
-
-def test_a_range_leaves_out_what_has_no_depth() -> None:
-    depth_m = np.float32([[np.nan, 3, 1], [np.inf, 2, 8], [0, -1, np.nan]])
-    depth = DepthMap(depth_m)
-    assert depth.valid.sum() == 4
-    assert DepthRange.of(depth) == DepthRange(1, 2.5, 8)
-    assert DepthRange.of(DepthMap(depth_m[:, :1])) == DepthRange(None, None, None)
-
-
-@pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
-def test_a_map_without_a_unit_has_depth_wherever_it_is_finite(kind: DepthKind) -> None:
-    depth = DepthMap(np.float32([[np.nan, np.inf, 0, -1, 2]]), kind)
-    assert depth.valid.tolist() == [[False, False, True, True, True]]
-    assert DepthRange.of(depth) == DepthRange(-1, 0, 2)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.core.camera import CameraSource, Intrinsics
@@ -24,11 +23,6 @@ from depthcli.core.types import (
     Frame,
     Provenance,
     Window,
-    Windows,
-    displayed_depth,
-    displayed_frame,
-    masked_to_data_window,
-    over_window,
     panorama_rays,
     pixel_aspect_of,
     with_camera,
@@ -36,7 +30,6 @@ from depthcli.core.types import (
 from depthcli.errors import InputError, UsageError
 
 SIDES = st.integers(-3, 5)
-WINDOWS = st.builds(Window, SIDES, SIDES, SIDES, SIDES)
 FILLED = st.builds(
     Window, st.integers(-3, 0), st.integers(-3, 0), st.integers(1, 4), SIDES.map(abs)
 )
@@ -47,53 +40,6 @@ def pixels(window: Window) -> set[tuple[int, int]]:
     """Column and row of each pixel."""
     rows = range(window.top, window.bottom)
     return {(x, y) for x in range(window.left, window.right) for y in rows}
-
-
-def counted(window: Window) -> np.ndarray:
-    """A number for each pixel, (H, W) float32."""
-    return np.arange(window.width * window.height, dtype=np.float32).reshape(window.height, -1)
-
-
-def moved(values: np.ndarray, covered: Window, wanted: Window, kept: Window) -> np.ndarray:
-    """Values of one window in another, NaN outside of a third one as well."""
-    found = np.full((wanted.height, wanted.width), np.nan, np.float32)
-    for x, y in pixels(covered) & pixels(wanted) & pixels(kept):
-        found[y - wanted.top, x - wanted.left] = values[y - covered.top, x - covered.left]
-    return found
-
-
-@given(WINDOWS, WINDOWS, SIDES, SIDES)
-def test_windows_are_sets_of_pixels(one: Window, other: Window, columns: int, rows: int) -> None:
-    assert len(pixels(one)) == one.width * one.height
-    assert one.is_empty == (not pixels(one))
-    assert pixels(one.intersection(other)) == pixels(one) & pixels(other)
-    assert pixels(one.moved(columns, rows)) == {(x + columns, y + rows) for x, y in pixels(one)}
-    if not one.is_empty and not other.is_empty:
-        x, y = zip(*(pixels(one) | pixels(other)), strict=True)
-        assert one.union(other) == (min(x), min(y), max(x) + 1, max(y) + 1)
-
-
-@given(FILLED, FILLED, FILLED)
-def test_values_of_a_window_are_those_of_its_pixels(
-    one: Window, other: Window, data: Window
-) -> None:
-    values = counted(one)
-    np.testing.assert_array_equal(over_window(values, one, other), moved(values, one, other, one))
-    depth, windows = DepthMap(values, DepthKind.RELATIVE), Windows(one, data, other)
-    found = masked_to_data_window(depth, windows).values
-    np.testing.assert_array_equal(found, moved(values, one, one, data))
-    found = displayed_depth(depth, windows).values
-    np.testing.assert_array_equal(found, moved(values, one, other, one))
-
-
-def test_frame_is_shown_without_overscan() -> None:
-    whole, shown = Window(-2, -1, 6, 4), Window(0, 0, 5, 3)
-    frame = Frame(counted(whole).astype(np.uint8), windows=Windows(whole, whole, shown))
-    found = displayed_frame(frame)
-    np.testing.assert_array_equal(found.pixels, moved(frame.pixels, whole, shown, shown))
-    assert (frame.display_size_px, found.windows) == ((5, 3), Windows(shown, whole, shown))
-    for same in (found, Frame(frame.pixels)):
-        assert displayed_frame(same) is same
 
 
 @pytest.mark.parametrize("rows", [slice(None), slice(2, 5)])
@@ -143,11 +89,6 @@ def test_few_pixels_may_be_outside_of_zero_and_one(values: list[float], is_refus
         assert is_refused
     else:
         assert not is_refused
-
-
-def test_highlights_are_white_to_people() -> None:
-    shown = Frame(np.float32([[0.5, 0.5, 0.5, 7]])).pixels_8bit()
-    assert shown[0, :, 0].tolist() == [128, 128, 128, 255]
 
 
 def test_unknown_projection_is_refused() -> None:

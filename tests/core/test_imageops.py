@@ -7,16 +7,12 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from depthcli.core import imageops as bands
-from depthcli.core import imageops as colour
 from depthcli.core.imageops import (
     GuidedMap,
     resize_antialiased,
     resize_area,
     resize_bilinear,
     resize_corners,
-    resize_rows,
-    row_bands,
-    shrink_bands,
     upsample_guided,
 )
 from depthcli.core.types import Frame
@@ -141,13 +137,6 @@ def test_a_hole_does_not_grow() -> None:
     np.testing.assert_array_equal(values, resize_bilinear(coarse, 70, 50))
 
 
-def test_precision_does_not_depend_on_where_depth_begins() -> None:
-    _, coarse, frame = scene()
-    near = upsample_guided(coarse, frame, in_log=False)
-    far = upsample_guided(coarse + np.float32(1 << 14), frame, in_log=False)
-    np.testing.assert_allclose(far - (1 << 14), near, atol=0.004)  # two of its last digits
-
-
 def test_bands_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(2)
     coarse = rng.uniform(1, 2, (6, 8)).astype(np.float32)
@@ -155,34 +144,6 @@ def test_bands_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = upsample_guided(coarse, frame, in_log=True)
     monkeypatch.setattr(bands, "BAND_PIXELS", 500)
     np.testing.assert_allclose(upsample_guided(coarse, frame, in_log=True), whole, rtol=1e-5)
-
-
-@given(
-    st.tuples(st.integers(1, 20), st.integers(1, 20)),
-    st.tuples(st.integers(1, 60), st.integers(1, 60)),
-    st.data(),
-)
-def test_some_rows_are_those_of_the_whole(
-    size: tuple[int, int], out: tuple[int, int], data: st.DataObject
-) -> None:
-    values = np.random.default_rng(3).uniform(1, 2, size).astype(np.float32)
-    first = data.draw(st.integers(0, out[0] - 1))
-    rows = slice(first, data.draw(st.integers(first + 1, out[0])))
-    whole = resize_bilinear(values, out[1], out[0])
-    np.testing.assert_allclose(resize_rows(values, out[1], out[0], rows), whole[rows], rtol=1e-5)
-
-
-@pytest.mark.parametrize("plane", [colour.value_channel, colour.luma, colour.rgb])
-@pytest.mark.parametrize("size", [(16, 12), (7, 90), (300, 5)])
-def test_shrinking_by_bands_equals_shrinking(
-    monkeypatch: pytest.MonkeyPatch, plane: object, size: tuple[int, int]
-) -> None:
-    monkeypatch.setattr(bands, "BAND_PIXELS", 1000)
-    pixels = np.random.default_rng(4).integers(0, 256, (67, 101, 3), dtype=np.uint8)
-    assert [rows.stop for rows in row_bands(101, 67)] == [10, 20, 30, 40, 50, 60, 67]
-    expected = resize_area(plane(pixels), *size)
-    found = shrink_bands(pixels, plane, *size)
-    np.testing.assert_allclose(found, expected, atol=2e-6)
 
 
 def test_texture_that_depth_does_not_follow_is_not_copied() -> None:
@@ -217,14 +178,6 @@ def test_antialiased_is_that_of_pillow(size: tuple[int, int], cubic: bool) -> No
     np.testing.assert_allclose(resize_antialiased(values, *size, cubic=cubic), theirs, atol=1e-6)
 
 
-def test_antialiased_rounds_as_pillow_does_with_eight_bits() -> None:
-    pixels = np.random.default_rng(1).integers(0, 256, (60, 90, 3), np.uint8)
-    theirs = np.asarray(Image.fromarray(pixels).resize((31, 44), Image.Resampling.BICUBIC))
-    values = pixels.astype(np.float32) / 255
-    ours = resize_antialiased(values, 31, 44, cubic=True, eight_bit=True) * 255
-    assert np.mean(np.rint(ours) != theirs) < 0.01  # ties
-
-
 def test_corners_keep_their_place() -> None:
     values = np.random.default_rng(2).random((5, 7), dtype=np.float32)
     ours = resize_corners(values, 19, 4)
@@ -236,7 +189,3 @@ def test_corners_keep_their_place() -> None:
             down, across = y - top, x - left
             upper, lower = a + across * (b - a), c + across * (d - c)
             assert ours[row, column] == pytest.approx(upper + down * (lower - upper), abs=1e-5)
-
-
-def test_corners_of_a_single_row() -> None:
-    np.testing.assert_array_equal(resize_corners(np.float32([[1, 3]]), 3, 2), [[1, 2, 3]] * 2)

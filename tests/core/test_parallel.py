@@ -15,22 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.core import parallel as cores
-from depthcli.core.parallel import Background, one_thread_each, ordered_map
+from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import Interrupt, exit_hook, run_exit_hooks
-
-
-def test_the_result_is_waited_for() -> None:
-    go_on = threading.Event()
-    work = Background(lambda: (go_on.wait(60), threading.current_thread().daemon))
-    go_on.set()
-    assert work.result() == (True, True)
-    assert work.result() == (True, True)
-
-
-def test_errors_are_raised_by_result() -> None:
-    work = Background(lambda: 1 // 0)
-    with pytest.raises(ZeroDivisionError):
-        work.result()
 
 
 @given(st.lists(st.integers()), st.integers(0, 3), st.integers(1, 5))
@@ -56,20 +42,6 @@ def test_no_more_items_are_pulled_than_fit_in_memory() -> None:
         assert pulled - done <= 4
 
 
-def test_two_items_for_each_worker_are_pulled_by_default() -> None:
-    pulled = iter(range(1000))
-    results = ordered_map(str, pulled, workers=3)
-    assert next(results) == "0"
-    results.close()
-    assert next(pulled) == 6
-
-
-def test_workers_work_at_the_same_time() -> None:
-    both = threading.Barrier(2, timeout=10)
-    results = ordered_map(lambda _: both.wait(), range(4), workers=2)
-    assert sorted(results) == [0, 0, 1, 1]
-
-
 def test_an_error_comes_at_its_items_turn() -> None:
     results = ordered_map(lambda item: 1 // item, [1, 1, 0, 1], workers=2)
     assert [next(results), next(results)] == [1, 1]
@@ -84,22 +56,6 @@ def test_a_closed_map_leaves_no_thread(workers: int) -> None:
     assert next(results) == "0"
     results.close()
     assert threading.active_count() == before
-
-
-def test_items_not_started_are_dropped_at_an_early_end() -> None:
-    begun, go_on = list[int](), threading.Event()
-
-    def work(item: int) -> int:
-        begun.append(item)
-        if item:
-            go_on.wait(10)
-        return item
-
-    results = ordered_map(work, range(100), workers=2, ahead=20)
-    assert next(results) == 0
-    threading.Timer(0.05, go_on.set).start()
-    results.close()
-    assert set(begun) <= {0, 1, 2}
 
 
 @pytest.mark.parametrize(("workers", "inside"), [(0, 3), (1, 3), (2, 1)])

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from depthcli.core.options import Rule
-from depthcli.core.validation import FieldError, merged, parsed_json, validated
+from depthcli.core.validation import FieldError, parsed_json, validated
 
 
 class Colour(StrEnum):
@@ -96,15 +96,6 @@ def test_error_names_the_invalid_value(values: Any, message: str) -> None:
     assert str(caught.value).startswith(message)
     assert str(caught.value).isprintable()
     assert "; " not in str(caught.value).removeprefix(message)  # of a list, the first is enough
-
-
-def test_merge_keeps_other_fields() -> None:
-    base = Outer("x", inner=Inner(4, 0.25), flag=True)
-    assert merged(base, {"inner": {"share": 1}}) == Outer("x", inner=Inner(4, 1.0), flag=True)
-    with pytest.raises(FieldError):
-        merged(base, {"inner": {"even": 5}})
-    with pytest.raises(FieldError):
-        merged(base, {"inner": 1})
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import cv2
 import numpy as np
-import pytest
 from helpers.tiny import point_cloud
 
 from depthcli.core.camera import Intrinsics
@@ -20,14 +19,6 @@ def box_before_wall(smeared_px: int = 0) -> np.ndarray:
     return cv2.blur(depth_m, (smeared_px, smeared_px)) if smeared_px else depth_m
 
 
-def plane(normal: tuple[float, float, float], distance_m: float) -> np.ndarray:
-    """Depth of the points p with normal · p = distance."""
-    y, x = np.mgrid[:HEIGHT, :WIDTH]
-    rays = (x - (WIDTH - 1) / 2) / FOCAL_PX, (y - (HEIGHT - 1) / 2) / FOCAL_PX, 1
-    depth_m = distance_m / sum(a * b for a, b in zip(normal, rays, strict=True))
-    return np.where(depth_m > 0, depth_m, np.nan).astype(np.float32)
-
-
 def test_only_points_between_near_and_far_fly() -> None:
     assert not is_flying(box_before_wall(), FOCAL_PX).any()
     depth_m = box_before_wall(smeared_px=5)
@@ -36,15 +27,6 @@ def test_only_points_between_near_and_far_fly() -> None:
     assert flying[between].mean() > 0.95  # what is left is at the corners of the box
     assert not flying[depth_m == 3].any()
     assert not flying[depth_m == 1].any()
-
-
-def test_a_floor_to_the_horizon_stays() -> None:
-    depth_m = plane((0, 1, 0), 1.5)  # a floor 1.5 m below the camera
-    valid = ~np.isnan(depth_m)
-    assert np.nanmax(depth_m) == pytest.approx(300)
-    flying = is_flying(depth_m, FOCAL_PX)
-    assert not flying[depth_m < 1.5 * FOCAL_PX / 10].any()  # to ten rows below the horizon
-    assert flying[valid].mean() < 0.25
 
 
 def test_faces_are_cut_at_edges_and_look_at_the_camera() -> None:
@@ -71,17 +53,6 @@ def test_holes_have_no_faces() -> None:
             a, b, c, d = (y, x), (y, x + 1), (y + 1, x), (y + 1, x + 1)
             expected += [[numbers[p] for p in t] for t in ((a, c, b), (b, c, d)) if (1, 1) not in t]
     assert sorted(surface.faces().tolist()) == sorted(expected)
-
-
-@pytest.mark.parametrize("normal", [(0, 0, 1), (0.6, 0, 0.8), (0, -0.28, 0.96), (0.48, 0.6, 0.64)])
-def test_normals_of_a_plane_are_its_own(normal: tuple[float, float, float]) -> None:
-    surface = surface_of(DepthMap(plane(normal, 2.0)), FOCAL_PX)
-    normals = surface.normals()
-    np.testing.assert_allclose(
-        normals[surface.valid],
-        np.broadcast_to(-np.array(normal), normals[surface.valid].shape),
-        atol=2e-3,
-    )
 
 
 DEPTH = DepthMap(np.float32([[1, 2, np.nan], [0, np.inf, 4]]))

@@ -20,7 +20,6 @@ from depthcli.core.temporal import (
     Smoother,
     ema_decay,
     from_log,
-    sample_cells,
     thumbnail,
     to_log,
 )
@@ -146,13 +145,6 @@ def test_smoothing_stops_where_the_image_moves_and_at_cuts() -> None:
     )
 
 
-def test_correction_is_added_before_smoothing() -> None:
-    smoother, flat = Smoother(), np.zeros((12, 16), np.float32)
-    raised = Correction(STEADY.rise + np.float32(0.5), STEADY.stillness)
-    np.testing.assert_allclose(smoother.step(flat, STATIC, raised, 0.9), 0.5)
-    np.testing.assert_allclose(smoother.step(flat, STATIC, STEADY, 0.9), 0.45)
-
-
 def test_smoothing_stops_where_motion_explains_the_change() -> None:
     stillness = np.array([[1, 1, 0, 0]] * 3, np.float32)
     smoother, steady = Smoother(), Correction(STEADY.rise, stillness)
@@ -237,14 +229,6 @@ def test_noise_is_no_motion() -> None:
     assert corrections(moved, [depth] * 2, 0, {0})[1].stillness.mean() < 0.05
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (3, 192), (31, 40), (32, 32)])
-def test_images_of_any_size_are_steadied(shape: tuple[int, int]) -> None:
-    image, logs = noise(0, shape), [noise(1, shape), noise(1, shape) + np.float32(0.1)]
-    logs[0][0] = np.nan
-    for correction in corrections([image] * 2, logs, 1, {0}):
-        assert np.isfinite(correction.rise).all()
-
-
 def test_holes_stay_holes_and_spread_to_nothing() -> None:
     smoother = Smoother()
     first, second = noise(0), noise(1)
@@ -293,18 +277,6 @@ def test_steps_go_there_and_back(kind: DepthKind) -> None:
     values[0] = np.nan
     back = from_log(to_log(DepthMap(values, kind)), kind)
     np.testing.assert_allclose(back, values, rtol=1e-6)
-
-
-def test_no_depth_has_no_logarithm() -> None:
-    values = np.array([[0, -1, np.inf, np.nan]], np.float32)
-    with np.errstate(all="raise"):  # nor a word of it
-        assert np.isnan(to_log(DepthMap(values))).all()
-
-
-def test_a_sample_is_the_middle_of_each_cell() -> None:
-    values = np.arange(48, dtype=np.float32).reshape(6, 8)
-    np.testing.assert_array_equal(sample_cells(values, (2, 2)), [[10, 14], [34, 38]])
-    np.testing.assert_array_equal(sample_cells(values, (6, 8)), values)
 
 
 def test_the_range_is_an_exponential_mean_of_logarithms() -> None:

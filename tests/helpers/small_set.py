@@ -23,13 +23,11 @@ class SmallSet(InMemory):
     depths_m: npt.NDArray[np.float32]
     raw_depths_m: npt.NDArray[np.float32]
     depth_reads: dict[int, int] = field(default_factory=dict)
-    image_reads: dict[int, int] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.ids)
 
     def image(self, i: int) -> npt.NDArray[np.uint8]:
-        self.image_reads[i] = self.image_reads.get(i, 0) + 1
         return np.full((*self.depths_m.shape[1:], 3), i, np.uint8)
 
     def depth_m(self, i: int) -> npt.NDArray[np.float32]:

@@ -40,25 +40,6 @@ def test_every_field_arrives() -> None:
     assert card.latency == {"cpu_ms": 20}
 
 
-def test_an_embedded_card_names_no_file() -> None:
-    card = read({})
-    assert (card.file, card.sha256, card.size_bytes) == (None, None, None)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {},
-        {"file": "m.onnx", "sha256": "0" * 64, "bytes": 3, "float_model": "float"},
-        {"weights": {"page": "https://h/p"}},
-        {"weights": {"page": "https://h/p", "url": "http://h/m", "sha256": "AB" * 32, "bytes": 3}},
-    ],
-)
-def test_text_survives_a_round_trip(changes: dict[str, Any]) -> None:
-    card = read(changes)
-    assert ModelCard.from_json(card.to_json()) == card
-
-
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
@@ -130,11 +111,3 @@ def test_no_character_of_a_card_moves_a_terminal() -> None:
 def test_file_that_is_not_a_card_is_refused(text: str | bytes) -> None:
     with pytest.raises(ModelError):
         ModelCard.from_json(text)
-
-
-def test_smallest_input_shared_mean_and_no_metres_are_a_card() -> None:
-    found = read({"input.width": 1, "input.height": 1, "input.multiple_of": 1}).input
-    assert (found.width, found.height, found.multiple_of) == (1, 1, 1)
-    assert read({"input.colour": "rgb", "input.std": [0.1, 0.2, 0.3]}).input.mean == (0.5,)
-    found = read({"output.kind": "relative", "output.min_m": None, "output.max_m": None}).output
-    assert (found.min_m, found.max_m) == (None, None)

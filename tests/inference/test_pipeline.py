@@ -24,12 +24,11 @@ from onnx import TensorProto, helper, numpy_helper
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, CameraSource, Intrinsics
 from depthcli.core.options import DepthFit, DepthMask, UpsamplingOptions
-from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
+from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, ModelError, UsageError
 from depthcli.inference.pipeline import Pipeline, Prediction, _range_warnings
 from depthcli.inference.point_map import depth_of_points
-from depthcli.inference.session import RawOutputs, Session
-from depthcli.inference.transforms import coarse_depth, input_layout
+from depthcli.inference.session import Session
 from depthcli.inference.trial import depth_for_trial, try_session
 from depthcli.known.points import KnownDepth
 from depthcli.models.catalog import find_model
@@ -45,13 +44,6 @@ def kinect(tmp_path: Path) -> Pipeline:
     return load(write_model(tmp_path / "kinect", camera={"hfov_deg": 60.0}))
 
 
-@pytest.mark.parametrize(("value", "metres"), [(0, 1.0), (255, 9.0), (51, 2.6)])
-def test_metres_follow_from_the_card(model_folder: Path, value: int, metres: float) -> None:
-    depth = load(model_folder).predict(gray(value)).depth
-    assert depth.kind is DepthKind.METRIC
-    np.testing.assert_allclose(depth.values, metres, rtol=1e-5)
-
-
 @pytest.mark.parametrize(("shift_m", "metres"), [(-0.2, 5.0), (0.3, 5.5), (-6.0, math.nan)])
 def test_metres_are_corrected_as_measured(
     model_folder: Path, shift_m: float, metres: float
@@ -62,20 +54,6 @@ def test_metres_are_corrected_as_measured(
     np.testing.assert_allclose(depth.values, metres, rtol=1e-5)
     with pytest.raises(UsageError, match="'robot' was calibrated with another model, 'tiny'"):
         pipeline.predict(gray(51), Intrinsics(scale=replace(scale, model_sha256="0" * 64)))
-
-
-@pytest.mark.parametrize("size", [(1, 1), (1, 300), (7, 5), (480, 640)])
-def test_depth_has_the_image_s_size(model_folder: Path, size: tuple[int, int]) -> None:
-    depth = load(model_folder).predict(gray(100, *size)).depth
-    assert (depth.height, depth.width) == size
-
-
-def test_left_stays_left_and_top_stays_top(model_folder: Path) -> None:
-    pixels = np.zeros((48, 64), np.uint8)
-    pixels[:24, :32] = 255
-    depth = load(model_folder).predict(Frame(pixels)).depth.values
-    assert depth[0, 0] == pytest.approx(9)
-    assert (depth[0, -1], depth[-1, 0], depth[-1, -1]) == pytest.approx((1, 1, 1))
 
 
 @pytest.mark.parametrize("fit", ["stretch", "keep-aspect"])
@@ -93,43 +71,6 @@ def test_an_output_of_lower_stride_is_brought_to_size(tmp_path: Path) -> None:
     depth = load(folder).predict(gray(255)).depth
     assert depth.values.shape == (30, 40)
     np.testing.assert_allclose(depth.values, 9, rtol=1e-5)
-
-
-@pytest.mark.parametrize("size", [(100, 40), (40, 100), (239, 100)])
-def test_padding_is_cut_off_without_resampling(tmp_path: Path, size: tuple[int, int]) -> None:
-    """A step between two rows of the output stays one pixel of the output wide."""
-    card = find_model(write_model(tmp_path, input__dynamic=True, input__fit="keep-aspect")).card
-    layout = input_layout(card.input, *size)
-    assert layout.is_padded
-    raw = np.zeros((layout.height // 2, layout.width // 2), np.float32)
-    raw[layout.height // 4 :, layout.width // 4 :] = 1
-    cut = coarse_depth(card.output, raw, layout)
-    assert cut.shape == (layout.inner_height // 2, layout.inner_width // 2)
-    assert len(np.unique(cut)) == 2
-
-
-def test_a_model_of_inverse_depth_says_so(tmp_path: Path) -> None:
-    folder = write_model(tmp_path, output__kind="inverse", output__min_m=None, output__max_m=None)
-    assert load(folder).predict(gray(0)).depth.kind is DepthKind.INVERSE
-
-
-def test_provenance_states_model_camera_and_image(kinect: Pipeline) -> None:
-    model = kinect.session.model
-    scale = CameraScale("robot", "tiny", model.sha256, 2.0, 0.0, None, 1, 1)
-    frame = gray(0, orientation=6, timestamp_s=2.5, pixel_aspect=2.0)
-    camera = Intrinsics(30.0, centre_px=(3.0, 4.0), scale=scale)
-    assert kinect.predict(frame, camera).depth.provenance == Provenance(
-        "tiny",
-        model.sha256,
-        (16, 12),
-        30.0,
-        6,
-        camera_source=CameraSource.OPTION,
-        centre_px=(3.0, 4.0),
-        time_s=2.5,
-        pixel_aspect=2.0,
-        camera_scale=scale,
-    )
 
 
 def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
@@ -152,19 +93,6 @@ def predicted(
     return [one.depth for one in found if isinstance(one, Prediction)]
 
 
-def test_many_images_give_what_each_gives_alone(kinect: Pipeline) -> None:
-    noise = np.random.default_rng(3).integers(0, 256, (7, 24, 32), np.uint8)
-    wide = np.random.default_rng(4).integers(0, 256, (20, 90), np.uint8)
-    frames = [Frame(noise[0]), Frame(wide, focal_35mm=50.0), *map(Frame, noise[1:])]
-    for words in ({}, {"focal_px": 40.0}, {"hfov_deg": 50.0}):
-        together = predicted(kinect, frames, [Intrinsics(**words)] * len(frames))
-        alone = [kinect.predict(frame, Intrinsics(**words)).depth for frame in frames]
-        for one, other in zip(together, alone, strict=True):
-            np.testing.assert_array_equal(one.values, other.values)
-            assert (one.kind, one.provenance) == (other.kind, other.provenance)
-    assert kinect.predict_many([]) == []
-
-
 def test_each_image_has_its_own_camera_and_anchors(kinect: Pipeline) -> None:
     frames = [Frame(np.full((24, 32), value, np.uint8)) for value in (90, 120, 150)]
     cameras = (Intrinsics(40.0), UNKNOWN_CAMERA, Intrinsics(hfov_deg=50.0))
@@ -184,20 +112,6 @@ def test_an_image_that_fails_does_not_stop_the_others_of_its_batch(kinect: Pipel
     assert isinstance(bad, InputError)
     with pytest.raises(InputError):
         kinect.predict(gray(90), anchors=outside)
-
-
-def test_images_of_one_size_run_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pipeline = load(write_model(tmp_path, input__fit="keep-aspect"))
-    run, shapes = pipeline.session.outputs, []
-
-    def noted(batch: np.ndarray, *others: list[np.ndarray | None]) -> RawOutputs:
-        shapes.append(batch.shape)
-        return run(batch, *others)
-
-    monkeypatch.setattr(pipeline.session, "outputs", noted)
-    maps = predicted(pipeline, [gray(0), gray(51, 30, 54), gray(255), gray(0, 60, 80)])
-    assert shapes == [(3, 1, 12, 16), (1, 1, 10, 19)]
-    assert [float(depth.values[9, 9]) for depth in maps] == pytest.approx([1, 2.6, 9, 1])
 
 
 def test_a_network_that_takes_one_image_gets_one_at_a_time(tmp_path: Path) -> None:

@@ -12,30 +12,15 @@ import pytest
 from helpers.tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import ModelError, UsageError
-from depthcli.inference.providers import available_providers
 from depthcli.inference.session import Session
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
-
-
-def test_the_provider_that_runs_is_reported(model_folder: Path) -> None:
-    session = Session(find_model(model_folder), provider="cpu")
-    assert session.provider == "cpu"
-    assert session.warnings == ()
-    assert "cpu" in available_providers()
 
 
 @pytest.mark.parametrize("threads", [0, -1, 1025, 10**30])
 def test_a_number_of_threads_that_cannot_be_is_refused(model_folder: Path, threads: int) -> None:
     with pytest.raises(UsageError):
         Session(find_model(model_folder), threads=threads)
-
-
-def test_run_gives_one_map_for_each_image(model_folder: Path) -> None:
-    batch = np.arange(2 * 6 * 8, dtype=np.float32).reshape(2, 1, 6, 8)
-    raw = Session(find_model(model_folder)).run(batch)
-    assert raw.dtype == np.float32
-    np.testing.assert_array_equal(raw, batch[:, 0])
 
 
 def test_a_size_that_does_not_fit_is_an_error(tmp_path: Path) -> None:

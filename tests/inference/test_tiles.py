@@ -95,16 +95,6 @@ def test_no_seam_shows(network: Callable[[Frame], np.ndarray], tile_px: int) -> 
     assert np.abs(np.diff(joined, axis=1)).max() < 0.2
 
 
-def test_tiles_bring_detail() -> None:
-    stripes = np.tile(np.where(np.arange(400) // 5 % 2, 0.3, 0.5).astype(np.float32), (300, 1))
-    frame = Frame(stripes)
-    joined = refine(METRIC, seen(frame), frame, 100, seen)
-    assert joined.shape == (96, 128)
-    assert np.ptp(seen(frame)) < 1.7
-    assert np.percentile(joined, 95) > 4.5
-    assert np.percentile(joined, 5) < 3.5
-
-
 @pytest.mark.parametrize("kind", ["scale", "shift"])
 def test_relative_tiles_are_fitted_by_scale_and_shift(kind: str) -> None:
     frame = ramp()
@@ -221,13 +211,6 @@ def test_memory_stays_within_what_was_counted(
     tracemalloc.stop()
     assert peak + frame.pixels.nbytes <= limit
     assert depth.values.shape == (height, width)
-
-
-def test_a_model_without_a_unit_is_tiled_too(tmp_path: Path) -> None:
-    folder = write_model(tmp_path, output__kind="inverse", output__min_m=None, output__max_m=None)
-    values = load(folder, detail=UpsamplingOptions(tile_px=32)).predict(textured()).depth.values
-    assert values.shape == (96, 128)
-    assert np.isfinite(values).all()
 
 
 EQUIRECTANGULAR = Projection.EQUIRECTANGULAR

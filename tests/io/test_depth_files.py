@@ -52,23 +52,6 @@ def test_exr_of_several_parts(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_stored_depth(tmp_path / "a.exr").displayed.values, DEPTH_M)
 
 
-@pytest.mark.parametrize("corner", [(2, 1), (-1, -1), (-20, 0)])
-def test_exr_keeps_the_framing(corner: tuple[int, int], tmp_path: Path) -> None:
-    left, top = corner
-    windows = {
-        "displayWindow": (np.array([0, 0], np.int32), np.array([7, 5], np.int32)),
-        "dataWindow": (np.array(corner, np.int32), np.array([left + 3, top + 2], np.int32)),
-    }
-    OpenEXR.File({**SCANLINES, **windows}, {"Z": DEPTH_M}).write(str(tmp_path / "a.exr"))
-    found = read_stored_depth(tmp_path / "a.exr").displayed.values
-    whole = np.full((6, 8), np.nan, np.float32)
-    for row in range(6):
-        for column in range(8):
-            if 0 <= row - top < 3 and 0 <= column - left < 4:
-                whole[row, column] = DEPTH_M[row - top, column - left]
-    np.testing.assert_array_equal(found, whole)
-
-
 def test_a_colour_exr_is_no_depth(tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
     gray = dict.fromkeys("RGB", DEPTH_M)

@@ -101,20 +101,6 @@ def test_the_notations_of_colours(colours: str | tuple[str, ...]) -> None:
     assert depth_channel(names) == "depth.Z"
 
 
-def test_a_layer_has_one_notation() -> None:
-    names = sorted([*"RGBrgb", "red", "green", "blue"])
-    assert colour_channels("a.exr", names) == (tuple("RGB"), None)
-    for names in (
-        ["R", "blue", "green"],
-        ["fg.b", "fg.green", "fg.r"],
-        ["R"],
-        ["a.r", "b.g", "c.b"],
-    ):
-        with pytest.raises(InputError):
-            colour_channels("a.exr", names)
-    assert depth_channel(["R", "blue", "green"]) == "R"
-
-
 @pytest.mark.parametrize("layer", ["rgba", "RGB", "rgba."])
 def test_the_layer_without_a_name_can_be_chosen(layer: str) -> None:
     unnamed = (tuple("RGB"), None)
@@ -207,15 +193,6 @@ def test_many_pixels_above_1_are_told(colours: str, tmp_path: Path) -> None:
     assert read_exr_image(path, options=ReadOptions(exposure=-1)).warnings == ()
 
 
-def test_the_share_is_that_of_the_pixels_that_the_file_has(tmp_path: Path) -> None:
-    wide = {"dataWindow": ((0, 0), (19, 9)), "displayWindow": ((0, 0), (99, 99))}
-    (warning,) = warnings_of(tmp_path / "a.exr", share=0.5, **wide)
-    assert warning.startswith("50%")
-    aside = wide | {"dataWindow": ((200, 0), (219, 9))}
-    (warning,) = warnings_of(tmp_path / "a.exr", share=0.5, **aside)
-    assert warning.startswith("50%")
-
-
 @pytest.mark.parametrize("stated", [REC_709, REC_601])
 def test_primaries_of_screens_are_silent(stated: tuple[float, ...], tmp_path: Path) -> None:
     assert warnings_of(tmp_path / "a.exr", chromaticities=stated) == []
@@ -237,20 +214,6 @@ def test_colours_become_those_of_rec_709(stated: tuple[float, ...], tmp_path: Pa
     expected = np.clip(light[1:].astype(np.float64) / 2 @ np.transpose(PUBLISHED[stated]), 0, 1)
     curve = np.where(expected <= 0.0031308, 12.92 * expected, 1.055 * expected ** (1 / 2.4) - 0.055)
     np.testing.assert_allclose(pixels[1:], curve, atol=2e-3)
-
-
-def test_primaries_are_those_of_the_first_part_if_a_part_states_none(tmp_path: Path) -> None:
-    light = np.random.default_rng(0).uniform(0, 1, (3, 4, 6)).astype(np.float32)
-    colours = dict(zip("RGB", light, strict=True))
-    first = {"type": OpenEXR.scanlineimage, "chromaticities": ACESCG}
-    parts = [
-        OpenEXR.Part(first, {"Z": light[0]}, "depth"),
-        OpenEXR.Part({"type": OpenEXR.scanlineimage}, colours, "rgba"),
-    ]
-    OpenEXR.File(parts).write(str(tmp_path / "parts.exr"))
-    OpenEXR.File(first, colours).write(str(tmp_path / "one.exr"))
-    found, wanted = (read_exr_image(tmp_path / f"{name}.exr").pixels for name in ("parts", "one"))
-    np.testing.assert_array_equal(found, wanted)
 
 
 @pytest.mark.parametrize(
@@ -300,10 +263,3 @@ def test_cube_maps_are_refused(tmp_path: Path) -> None:
     OpenEXR.File(header, {"Y": np.zeros((48, 8), np.float32)}).write(str(tmp_path / "a.exr"))
     with pytest.raises(InputError, match="cube map"):
         read_image(tmp_path / "a.exr")
-
-
-def test_primaries_of_another_type_count_as_not_stated(tmp_path: Path) -> None:
-    path = tmp_path / "a.exr"
-    warnings_of(path, chromaticitie_="Rec. 2020")
-    path.write_bytes(path.read_bytes().replace(b"chromaticitie_\0", b"chromaticities\0"))
-    assert read_exr_image(path).warnings == ()

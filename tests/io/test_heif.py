@@ -1,6 +1,5 @@
 """HEIC images: bits, channels, how they were held, several in one; what is refused."""
 
-import io
 from typing import Any
 
 import numpy as np
@@ -97,15 +96,6 @@ def test_of_several_images_the_primary_one_is_used() -> None:
     frame = read_image(None, heic(DEEP, IMAGE[:32, :40], primary_index=1))
     assert distance(frame.pixels, IMAGE[:32, :40]) < 2
     assert frame.warnings == ("has 2 images; only the primary one is used",)
-
-
-def test_thumbnails_are_no_other_images() -> None:
-    made_of = pillow_heif.from_bytes("RGB", (WIDTH, HEIGHT), IMAGE.tobytes())
-    made_of.info["thumbnails"] = [32]
-    file = io.BytesIO()
-    made_of.save(file)
-    assert len(pillow_heif.open_heif(file.getvalue()).info["thumbnails"]) == 1
-    assert read_image(None, file.getvalue()).warnings == ()
 
 
 @pytest.mark.parametrize(("transfer", "name"), [(16, "PQ"), (18, "HLG")])

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 from helpers import made
-from helpers.videos import write_preview_video
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -19,12 +18,9 @@ from PIL.TiffImagePlugin import IFDRational
 from depthcli.core.camera import Intrinsics
 from depthcli.core.imageops import PANORAMA
 from depthcli.core.options import Eye
-from depthcli.core.types import DepthMap
 from depthcli.errors import InputError
-from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.images.read import read_image
 from depthcli.io.images.tiff import EXIF_IFD, parse_exif
-from depthcli.video.source import VideoSource
 
 IMAGE = np.random.default_rng(0).integers(0, 255, (6, 9, 3), dtype=np.uint8)
 
@@ -222,15 +218,3 @@ def test_image_for_each_eye_is_told() -> None:
     for other in (data, second, made.encoded(".png", IMAGE)):
         with pytest.raises(InputError):
             read_image(None, other, eye=Eye.RIGHT)
-
-
-@pytest.mark.parametrize(("width", "height"), [(63, 48), (64, 47), (63, 47)])
-def test_odd_rows_and_columns_are_doubled(width: int, height: int, tmp_path: Path) -> None:
-    path = tmp_path / "a.mp4"
-    values = np.full((height, width), 0.5, np.float32)
-    write_preview_video(path, [values] * 2)
-    with VideoSource(path) as source:
-        frames = [frame.pixels.astype(int) for frame in source.frames()]
-    colour = PreviewWriter().render(DepthMap(values), None, (0, 1))[0, 0].astype(int)
-    assert [frame.shape for frame in frames] == [(48, 64, 3)] * 2
-    assert max(np.abs(frame - colour).max() for frame in frames) < 16

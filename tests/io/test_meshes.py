@@ -164,16 +164,6 @@ def test_a_ply_has_normals_and_faces(tmp_path: Path) -> None:
     np.testing.assert_array_equal(cloud.colors[:, :3], PIXELS[::3, ::3][thin.valid])
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".glb"])
-def test_points_between_near_and_far_are_left_out(suffix: str, tmp_path: Path) -> None:
-    values = np.broadcast_to(np.float32([1] * 5 + [1.5, 2, 2.5] + [3] * 8), (8, 16))
-    depth = DepthMap(np.ascontiguousarray(values), provenance=SOURCE)
-    points = written(tmp_path / f"a{suffix}", depth).vertices
-    assert set(abs(points[:, 2])) == {1, 3}
-    points = written(tmp_path / f"b{suffix}", depth, keep_edges=True).vertices
-    assert len(points) == depth.values.size
-
-
 def test_a_file_without_points_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(OutputError):
         written(tmp_path / "a.glb", box_before_wall(), max_depth_m=0.5)

@@ -13,7 +13,6 @@ import pytest
 from PIL import Image
 
 import depthcli
-from depthcli.cli.screen.results import image_json, image_text
 from depthcli.core.camera import CameraSource, Intrinsics
 from depthcli.core.options import DepthEncoding, DepthFit
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Provenance, with_camera
@@ -28,7 +27,6 @@ from depthcli.io.formats.table import FORMATS, Format, writer_class
 from depthcli.io.stored.depth import DepthReadOptions, StoredDepth
 from depthcli.io.stored.metadata import DepthScale
 from depthcli.jobs.convert import ConvertRequest, convert
-from depthcli.jobs.predict_images import PredictResult
 
 WORDS = {
     CameraSource.OPTION: "hfov 90.0° (given)",
@@ -63,15 +61,6 @@ def test_a_file_says_which_camera(
     assert read_metadata(path)["camera"] == WORDS[source]
     found = read_stored_depth(path).displayed.provenance
     assert (found.focal_px, found.camera_source) == (2, source)
-
-
-@pytest.mark.parametrize("source", WORDS)
-def test_predict_says_which_camera(source: CameraSource | None) -> None:
-    done = PredictResult("a.jpg", ("a.png",), seen_by(source), "cpu", 0.1, ())
-    assert image_text(done).endswith(f"max 1.000 m  camera: {WORDS[source]}")
-    facts = json.loads(json.dumps(image_json(done)))
-    assert (facts["focal_px"], facts["camera_source"]) == (2, source)
-    assert facts["camera"] == WORDS[source]
 
 
 def _changed_by_another_program(path: Path, rows: slice, columns: slice) -> Path:

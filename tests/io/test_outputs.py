@@ -1,6 +1,5 @@
 """Outputs appear whole or not at all, under names that do not depend on the order."""
 
-import itertools
 import os
 import stat
 import unicodedata
@@ -8,22 +7,14 @@ from collections.abc import Sequence
 from itertools import permutations
 from pathlib import Path
 
-import numpy as np
-import OpenEXR
 import pytest
-from helpers.file_trees import names
 from helpers.tiny import write_image
 from hypothesis import given
 from hypothesis import strategies as st
 
-from depthcli.api.depth_map import DepthMap
-from depthcli.core.types import DepthKind
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.formats.exr import ExrWriter
-from depthcli.io.formats.png16 import Png16Writer
-from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import FORMATS, Format
-from depthcli.io.guard import Guard, is_own_image
+from depthcli.io.guard import Guard
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.jobs.output_names import OutputNames
 from depthcli.jobs.outputs import OutputPlan, plan_outputs
@@ -42,65 +33,9 @@ def test_an_input_is_not_replaced_under_another_name(tmp_path: Path) -> None:
         Guard.of([one], overwrite=True).check(other)
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
-def test_nothing_is_left_of_an_interrupted_output(
-    error: type[BaseException], tmp_path: Path
-) -> None:
-    (tmp_path / "a.png").write_bytes(b"old")
-    with pytest.raises(error), atomic_path(tmp_path / "a.png") as path:  # noqa: PT012
-        path.write_bytes(b"half")
-        raise error
-    assert names(tmp_path) == ["a.png"]
-    assert (tmp_path / "a.png").read_bytes() == b"old"
-
-
-def test_names_do_not_depend_on_the_order() -> None:
-    sources = [Path("in/a.jpg"), Path("in/a.png"), Path("in/b.jpg"), Path("other/A.webp")]
-    plans = {
-        tuple(sorted((str(p.source), str(p.outputs["png16"])) for p in plan))
-        for order in itertools.permutations(sources)
-        for plan in [planned(order, "out/")]
-    }
-    (only,) = plans
-    assert dict(only) == {
-        "in/a.jpg": "out/a.jpg.depth.png",
-        "in/a.png": "out/a.png.depth.png",
-        "in/b.jpg": "out/b.depth.png",
-        "other/A.webp": "out/A.depth.png",
-    }
-
-
-def test_files_that_are_no_inputs_change_no_name(tmp_path: Path) -> None:
-    for name in ("a.jpg", "a.png", "a.mp4"):
-        (tmp_path / name).touch()
-    (plan,) = planned([tmp_path / "a.jpg"], None)
-    assert plan.outputs["png16"] == tmp_path / "a.depth.png"
-
-
 def test_a_folder_without_a_name_gets_no_outputs() -> None:
     plans = planned([Path(), Path("/"), Path("a.jpg")], None)
     assert [len(plan.outputs) for plan in plans] == [0, 0, 1]
-
-
-def test_own_images_are_known_by_their_content(tmp_path: Path) -> None:
-    depth = DepthMap(np.ones((2, 3), np.float32), DepthKind.METRIC)
-    Png16Writer().write(depth, tmp_path / "a.png")
-    PreviewWriter().write(depth, tmp_path / "b.preview.png")
-    write_image(tmp_path / "c.depth.png")
-    (tmp_path / "d.png").write_bytes(b"")
-    ExrWriter().write(depth, tmp_path / "e.exr")
-    OpenEXR.File({}, {"Z": depth.values}).write(str(tmp_path / "f.depth.exr"))
-    names = (
-        "a.png",
-        "b.preview.png",
-        "e.exr",
-        "c.depth.png",
-        "d.png",
-        "f.depth.exr",
-        "missing",
-        ".",
-    )
-    assert [is_own_image(tmp_path / name) for name in names] == [*[True] * 3, *[False] * 5]
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,6 @@
 import json
 import math
 import statistics
-import sys
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -16,37 +14,18 @@ from PIL import Image
 from depthcli.core.camera import CameraSource
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
-from depthcli.io.exr.file import read_exr_channels, silenced, write_exr
-from depthcli.io.exr.image import read_exr_image
+from depthcli.io.exr.file import read_exr_channels, write_exr
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.png16 import stretched
-from depthcli.io.formats.preview import PreviewWriter, nearness
 from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.images.read import frame_of
-from depthcli.io.stored.metadata import denormalized, dequantized, normalized, quantized
+from depthcli.io.stored.metadata import denormalized, normalized
 
 F32 = np.float32
 DEPTHS = st.one_of(
     st.floats(-1, 100, width=32), st.sampled_from([0.0, -0.0, math.nan, math.inf, -math.inf])
 )
 MAPS = st.lists(DEPTHS, min_size=1, max_size=12).map(lambda row: np.array([row], F32))
-
-
-@settings(max_examples=40)
-@given(MAPS, st.sampled_from([1.0, 1000.0, 5000.0]))
-def test_steps(values: np.ndarray, scale: float) -> None:
-    steps, saturated = quantized(values, scale)
-    beyond = 0
-    for value, found in zip(values[0], steps[0], strict=True):
-        step = np.rint(value * F32(scale))
-        is_depth = 0 < value < math.inf
-        beyond += bool(is_depth and step >= 65535)
-        assert found == (min(max(step, 1), 65535) if is_depth else 0)
-    assert saturated == beyond
-    np.testing.assert_array_equal(quantized(values.T, scale)[0], steps.T)
-    back = dequantized(steps, scale)
-    expected = [F32(s) / F32(scale) if s else math.nan for s in steps[0].tolist()]
-    np.testing.assert_array_equal(back[0], F32(expected))
 
 
 @pytest.mark.parametrize("kind", DepthKind)
@@ -76,63 +55,6 @@ def test_every_normalized_step_is_read_as_it_was_written(precision: type) -> Non
     np.testing.assert_array_equal(denormalized(steps, 0, 1).ravel()[1:], shares.ravel()[1:])
 
 
-@pytest.mark.parametrize("kind", DepthKind)
-@settings(max_examples=40)
-@given(MAPS, st.floats(0, 50, width=32), st.floats(0, 50, width=32))
-def test_shares_of_the_colormap(kind: DepthKind, values: np.ndarray, a: float, b: float) -> None:
-    depth = DepthMap(values, kind)
-    near, far = (max(a, b), min(a, b)) if kind is DepthKind.INVERSE else (min(a, b), max(a, b))
-    metric = kind is DepthKind.METRIC
-
-    def turned(value: float) -> np.float32:
-        if metric and near > 0:
-            return F32(1) / max(F32(value), F32(1e-6))
-        return F32(value) if kind is DepthKind.INVERSE else -F32(value)
-
-    top, bottom = turned(near), turned(far)
-    for value, found in zip(values[0].tolist(), nearness(depth, near, far)[0], strict=True):
-        if not math.isfinite(value) or (metric and value <= 0):
-            assert math.isnan(found)
-        elif top <= bottom:
-            one = turned(value)
-            assert found == (0.5 if one == bottom else float(one > bottom))
-        else:
-            share = (turned(value) - bottom) / (top - bottom)
-            assert found == pytest.approx(min(max(share, 0), 1), abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("vmin", "vmax", "ends"),
-    [
-        *((None, None, (1, 5)), (2, 3, (2, 3)), (2, None, (2, 5)), (7, None, (7, 7))),
-        *((None, 4, (1, 4)), (None, 0.5, (0.5, 0.5))),
-    ],
-)
-@pytest.mark.parametrize("kind", DepthKind)
-def test_limits(
-    kind: DepthKind, vmin: float | None, vmax: float | None, ends: tuple[float, float]
-) -> None:
-    depth = DepthMap(F32([[1, 2, 3, 4, 5, np.nan]]), kind)
-    near, far = ends[::-1] if kind is DepthKind.INVERSE else ends
-    shares = nearness(depth, near, far)
-    expected = np.where(np.isnan(shares), 96, np.rint(255 * np.nan_to_num(shares)))
-    for spread in (None, (1.0, 5.0)):
-        image = PreviewWriter(colormap="gray", vmin=vmin, vmax=vmax).render(depth, spread=spread)
-        np.testing.assert_array_equal(image, np.repeat(expected[..., None], 3, 2))
-
-
-def test_light_is_shown_in_the_srgb_curve(tmp_path: Path) -> None:
-    light = [-1.0, 0.0, 0.002, 0.0031308, 0.0032, 0.2, 0.5, 1.0, 3.0, math.nan, math.inf, -math.inf]
-    expected = []
-    for value in light:
-        part = 0.0 if math.isnan(value) else min(max(value, 0.0), 1.0)
-        linear = part <= 0.0031308
-        expected.append(12.92 * part if linear else 1.055 * part ** (1 / 2.4) - 0.055)
-    path = tmp_path / "a.exr"
-    write_exr(path, {"Y": F32([light])}, {})
-    np.testing.assert_allclose(read_exr_image(path).pixels[0], expected, atol=1e-6)
-
-
 @pytest.mark.parametrize("window", ["dataWindow", "displayWindow"])
 def test_an_exr_that_claims_too_much_is_not_decoded(window: str, tmp_path: Path) -> None:
     path = tmp_path / "a.exr"
@@ -152,16 +74,6 @@ def test_an_exr_whose_pixels_are_damaged_is_told(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-30] + bytes(30))
     with pytest.raises(InputError):
         read_exr_channels(path)
-
-
-def test_silence_is_of_one_thread(capsys: pytest.CaptureFixture[str]) -> None:
-    with silenced():
-        sys.stdout.write("mine")
-        other = threading.Thread(target=sys.stdout.write, args=("another's",))
-        other.start()
-        other.join()
-    sys.stdout.write(" after")
-    assert capsys.readouterr().out == "another's after"
 
 
 def test_every_fact_of_a_map_stands_in_its_sidecar(tmp_path: Path) -> None:

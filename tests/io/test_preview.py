@@ -29,7 +29,6 @@ from depthcli.io.formats.preview import (
     colour_table,
     nearness,
     tick_value,
-    with_legend,
 )
 from depthcli.io.formats.stereo import StereoWriter
 from depthcli.io.guard import is_own
@@ -86,20 +85,6 @@ def test_the_legend_says_what_the_colours_mean(kind: DepthKind, near: float, far
         depth = DepthMap(np.array([[tick_value(share, near, far, kind)]], np.float32), kind)
         if not (kind is DepthKind.METRIC and depth.values[0, 0] == 0):
             assert nearness(depth, near, far)[0, 0] == pytest.approx(share, abs=1e-5)
-
-
-@pytest.mark.parametrize("height", [1, 10, 30, 480, 3000])
-def test_the_legend_is_a_bar_with_near_at_the_top(height: int) -> None:
-    colours = colour_table(Colormap.GRAY)
-    black = np.zeros((height, 10, 3), np.uint8)
-    image = with_legend(black, colours, 1, 9, DepthKind.METRIC)
-    assert (image[:, :10] == 0).all()
-    size = min(max(height / 480, 0.9), 4)
-    top = min(round(16 * size), height // 4)
-    bar = image[top : height - top, 10 + round(20 * size), 0].astype(int)
-    if len(bar) > 1:
-        assert (bar[0], bar[-1]) == (255, 0)
-        assert (np.diff(bar) <= 0).all()
 
 
 def test_side_by_side_has_the_image_at_the_left(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ import io
 import json
 import os
 import pickle
-import re
 import subprocess
 import sys
 import threading
@@ -14,17 +13,13 @@ from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-import numpy as np
 import pytest
 from helpers.stores import KEYS, Bucket, Faults, remote
-from helpers.watched import Watched
 
-from depthcli.api.depth_map import DepthMap
 from depthcli.errors import InputError, OutputError, UsageError
-from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.guard import Guard
 from depthcli.io.listing.folder import InputFile, Skipped, list_folder
-from depthcli.io.manifest import OK, CacheKey, Journal, ManifestRow, OutputFile, Shard, known_rows
+from depthcli.io.manifest import OK, CacheKey, Journal, ManifestRow, OutputFile, known_rows
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import (
@@ -153,14 +148,6 @@ def test_errors_name_the_object_and_not_its_copy(bucket: Bucket) -> None:
     assert str(told.value) == f"{path} is damaged"
     with pytest.raises(InputError), local_copy(path / "none"):
         pass
-
-
-def test_depth_files_are_read_from_a_store(bucket: Bucket, tmp_path: Path) -> None:
-    depth = DepthMap(np.full((4, 6), 2.5, np.float32))
-    for suffix in (".png", ".exr", ".npy"):
-        depth.save(bucket.uri(f"d{suffix}"))
-        assert float(read_stored_depth(bucket.uri(f"d{suffix}")).displayed.values.max()) == 2.5
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("kind", ["503 SlowDown", "cut", "drop", "500 InternalError"])
@@ -375,16 +362,6 @@ def test_credentials_are_those_of_the_usual_chain(
     assert path.read_bytes() == b"data"
 
 
-def test_a_copy_is_of_a_size_and_is_told_of(bucket: Bucket) -> None:
-    data = bytes(2_500_000)
-    path, watched = remote(bucket.put("a.bin", data)), Watched()
-    with local_copy(path, watched, max_bytes=len(data)) as copy:
-        assert copy.read_bytes() == data
-    assert (watched.begun, sum(watched.counts[0])) == ([("a.bin", 3, "MB")], 2.5)
-    with pytest.raises(InputError), local_copy(path, max_bytes=4):
-        pass
-
-
 def test_missing_object_is_an_error(bucket: Bucket) -> None:
     none = remote(bucket.uri("none"))
     with pytest.raises(FileNotFoundError):
@@ -470,31 +447,6 @@ def test_rows_of_a_killed_batch_are_read_from_a_store(
     rows = [*expected[:3], row("d"), *expected[3:]]
     manifest = b"".join(each.as_line() for each in rows)
     assert bucket.objects() == left | {"out/manifest.jsonl": manifest}
-
-
-def test_new_rows_are_uploaded_now_and_then(
-    bucket: Bucket, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now_s = 1000.0
-    monkeypatch.setattr(time, "monotonic", lambda: now_s)
-    journal = Journal(remote(bucket.uri("out")), Shard(1, 2))
-    uploaded: list[bytes] = []
-    for passed_s, name, expected in [
-        (4.9, "a", ""),
-        (0.1, "b", "ab"),
-        (4.9, "c", ""),
-        (5.0, "d", "cd"),
-    ]:
-        now_s += passed_s
-        journal.add(row(name))
-        uploaded += [b"".join(row(each).as_line() for each in expected)] if expected else []
-        assert list(bucket.objects().values()) == uploaded
-    part = r"out/\.depthcli-batch-1-of-2\.jsonl\.\d{20}-[0-9a-f]{8}"
-    assert all(re.fullmatch(part, name) for name in bucket.names())
-    assert list(known_rows(remote(bucket.uri("out")))) == [*map(row, "abcd")]
-    bucket.put("out/manifest-2-of-2.jsonl", row("z").as_line())
-    journal.finish("abcd")
-    assert bucket.names() == ["out/manifest-1-of-2.jsonl", "out/manifest-2-of-2.jsonl"]
 
 
 @pytest.mark.usefixtures("left")

@@ -3,7 +3,6 @@
 import os
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from depthcli.errors import UsageError
 from depthcli.io.images.png import encode_png
@@ -28,7 +25,6 @@ from depthcli.io.listing.folder import (
     why_skipped,
 )
 from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list, read_list
-from depthcli.io.media import is_media, is_video
 
 
 def touch(root: Path, *names: str) -> None:
@@ -72,20 +68,6 @@ def test_a_folder_that_cannot_be_listed_is_named(tmp_path: Path) -> None:
     (found,) = list_folder(str(tmp_path / "missing")).media
     assert "cannot be listed" in found.problem
     assert found.name == "."
-
-
-@pytest.mark.parametrize(
-    ("name", "media", "video"),
-    [
-        ("a.jpg", True, False),
-        ("a.MKV", True, True),
-        ("a.mxf", True, True),
-        (".a.jpg", False, False),
-        ("a", False, False),
-    ],
-)
-def test_suffix_tells_images_and_videos(name: str, media: bool, video: bool) -> None:
-    assert (is_media(name), is_video(name)) == (media, video)
 
 
 @pytest.mark.parametrize(
@@ -161,17 +143,6 @@ def test_why_a_file_is_no_input(name: str, reason: str | None, tmp_path: Path) -
         assert why_skipped(str(path)) is None
 
 
-def test_listed_paths_may_be_of_the_working_directory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    touch(tmp_path, "in/a.png", "in/b.png", "in/in/b.png")
-    monkeypatch.chdir(tmp_path)
-    found = {f.name: f.path for f in listed_inputs(["in/a.png", "in/b.png"], "in")}
-    assert found == {"a.png": "in/a.png", "b.png": "in/b.png"}
-    found = {f.name: f.path for f in listed_inputs(["a.png", "in/b.png"], "in")}
-    assert found == {"a.png": "in/a.png", "in/b.png": "in/in/b.png"}
-
-
 def test_listed_uris_are_named_from_the_folder() -> None:
     words = ["s3://b/k/x/a.png", "s3://b/c.png", "gs://b/k/d.png", "ftp://h/e.png", "s3:///f.png"]
     found = list(listed_inputs(words, "s3://b/k"))
@@ -232,6 +203,7 @@ def test_paths_of_a_list_of_a_store_are_not_those_of_local_files(
         (lambda f: parquet(f / "l.parquet", path=WORDS, size=[1, 2, 3]), None),
         (lambda f: parquet(f / "l.parquet", uri=WORDS, path=["", "", ""]), "uri"),
         (lambda f: parquet(f / "l.PARQUET", uri=WORDS), None),
+        (lambda f: csv(f / "l.txt", "\ufeff" + "\r\n".join(WORDS)), None),
         (lambda f: parquet(f / "l.parquet", uri=pa.array(WORDS).dictionary_encode()), None),
         (lambda f: parquet(f / "l.parquet", uri=[WORDS[0], None, *WORDS[1:], ""]), None),
         (
@@ -282,13 +254,6 @@ def test_lists_that_cannot_be_used(
         list(read_list(str(write(tmp_path)), column))
 
 
-def test_a_list_without_rows_names_nothing(tmp_path: Path) -> None:
-    assert (
-        list(read_list(str(parquet(tmp_path / "l.parquet", path=pa.array([], pa.string()))))) == []
-    )
-    assert list(read_list(str(csv(tmp_path / "l.csv", "path\n")))) == []
-
-
 def test_without_pyarrow_one_line_says_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -298,13 +263,6 @@ def test_without_pyarrow_one_line_says_what_to_do(
         list(read_list(str(path)))
 
 
-def test_a_byte_order_mark_is_no_part_of_a_name(tmp_path: Path) -> None:
-    assert list(read_list(str(csv(tmp_path / "l.txt", "\ufeffa.png\r\nb.png\r\n")))) == [
-        "a.png",
-        "b.png",
-    ]
-
-
 def test_a_file_uri_is_the_path_that_it_names(tmp_path: Path) -> None:
     plain = tmp_path / "in" / "a b.png"
     uri = plain.as_uri()
@@ -312,12 +270,6 @@ def test_a_file_uri_is_the_path_that_it_names(tmp_path: Path) -> None:
     as_uri, as_path = (next(iter(listed_inputs([w], str(tmp_path)))) for w in (uri, str(plain)))
     assert as_uri == as_path
     assert as_uri.name == "in/a b.png"
-
-
-def test_a_table_keeps_every_byte_of_a_name(tmp_path: Path) -> None:
-    path = tmp_path / "l.csv"
-    path.write_bytes(b'n,path\n1,"a\r\nb\rc.png"\n2\n3,\n\n4,caf\xe9.png\n')
-    assert list(read_list(str(path))) == ["a\r\nb\rc.png", os.fsdecode(b"caf\xe9.png")]
 
 
 def test_a_folder_without_tables(tmp_path: Path) -> None:
@@ -361,24 +313,6 @@ def test_pattern_matches_names(pattern: str, name: str, matches: bool) -> None:
 )
 def test_an_excluded_folder_takes_all_that_is_in_it_along(pattern: str, name: str) -> None:
     assert NameFilter.of(["*.jpg"], [pattern]).refusal(name) == EXCLUDED
-
-
-def test_an_included_folder_is_no_included_file() -> None:
-    assert NameFilter.of(["hall"], []).refusal("hall/a.jpg") == NOT_INCLUDED
-
-
-@given(st.text(st.characters(exclude_characters="/*?["), min_size=1))
-def test_a_name_without_special_characters_matches_itself(name: str) -> None:
-    for whole in (name, f"hall/{name}"):
-        assert NameFilter.of([name], []).refusal(whole) == (
-            NOT_INCLUDED if whole.endswith("/") else None
-        )
-
-
-@given(st.text(), st.text())
-def test_no_pattern_is_an_error_of_another_kind(pattern: str, name: str) -> None:
-    with suppress(UsageError):
-        NameFilter.of([pattern], [pattern]).refusal(name)
 
 
 @pytest.mark.parametrize("pattern", ["[]", "[z-a]"])

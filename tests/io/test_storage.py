@@ -5,7 +5,6 @@ import fcntl
 import os
 import re
 import resource
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -17,7 +16,7 @@ import pytest
 from helpers.file_trees import names
 
 from depthcli.core.types import DepthMap, Frame, Provenance
-from depthcli.errors import OutputError, UsageError
+from depthcli.errors import OutputError
 from depthcli.io import guard as guards
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.table import Format, writer_of
@@ -26,8 +25,6 @@ from depthcli.io.storage import temporary as temporaries
 from depthcli.io.storage.atomic import (
     append_whole,
     atomic_path,
-    replace_folder,
-    workspace,
     write_text,
 )
 from depthcli.io.storage.paths import read_regular
@@ -59,19 +56,6 @@ def test_two_at_one_output_do_not_meet(tmp_path: Path) -> None:
     assert [found.name for found in tmp_path.iterdir()] == ["a.png"]
 
 
-def test_a_lock_is_of_one_at_a_time(tmp_path: Path) -> None:
-    path = tmp_path / "lock"
-    first = open_locked(path)
-    assert first is not None
-    assert open_locked(path) is None
-    path.unlink()
-    path.touch()  # as one who replaces the file does
-    os.close(first)
-    again = open_locked(path)
-    assert again is not None
-    os.close(again)
-
-
 def test_links_are_not_locked(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path / "nowhere")
     with pytest.raises(OSError, match="links"):
@@ -91,57 +75,6 @@ def test_incomplete_append_is_undone(tmp_path: Path) -> None:
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert path.read_bytes() == b"one\ntwo\n"
-
-
-def test_a_workspace_is_empty_and_gone_afterwards(tmp_path: Path) -> None:
-    root = tmp_path / "a" / "b"
-    for _ in range(2):
-        with workspace(root) as work:
-            assert work.parent == root
-            assert list(work.iterdir()) == []
-            (work / "x").touch()
-            with pytest.raises(UsageError):
-                workspace(root).__enter__()
-        assert list(root.iterdir()) == []
-        (work / "of a killed process").mkdir(parents=True)
-    shutil.rmtree(work)
-    for error in (KeyError(), OSError(5, "broken")):
-        with pytest.raises((KeyError, OutputError)), workspace(root):
-            raise error
-        assert list(root.iterdir()) == []
-
-
-def test_a_folder_s_files_take_others_places_and_the_one_that_counts_last(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made, target, moved = tmp_path / "made", tmp_path / "target", []
-    for folder, letters in ((made, "abc"), (target, "bcd")):
-        folder.mkdir()
-        for name in letters:
-            (folder / name).write_text(folder.name)
-    real = os.replace
-    monkeypatch.setattr(os, "replace", lambda a, b: (moved.append(a.name), real(a, b)))
-    replace_folder(made, target, last="b")
-    assert sorted(moved) == ["a", "b", "c"]
-    assert moved[-1] == "b"
-    assert {path.name: path.read_text() for path in target.iterdir()} == dict.fromkeys(
-        "abc", "made"
-    )
-    assert {path.name: path.read_text() for path in made.iterdir()} == {"d": "target"}
-    replace_folder(target, tmp_path / "other", last="b")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["made", "other"]
-
-
-def test_a_folder_is_shared_or_had_alone(tmp_path: Path) -> None:
-    with folder_lock(tmp_path, shared=True) as first, folder_lock(tmp_path, shared=True) as second:
-        assert (first, second) == (True, True)
-        with folder_lock(tmp_path) as alone:
-            assert not alone
-    with folder_lock(tmp_path) as alone:
-        assert alone
-        for shared in (True, False):
-            with folder_lock(tmp_path, shared=shared) as other:
-                assert not other
 
 
 def test_where_there_are_no_locks_all_is_free(

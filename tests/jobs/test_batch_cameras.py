@@ -16,7 +16,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest import Shard
-from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
+from depthcli.jobs.batch.plan import plan_folder, read_cameras
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.known.files import KnownDepthFiles
@@ -137,15 +137,6 @@ def test_rows_of_other_shards_match(tmp_path: Path) -> None:
         assert plan.intrinsics.keys() == {file.name for file in plan.inputs}
         lenses |= plan.intrinsics
     assert len(lenses) == 3
-
-
-def test_a_list_has_them_too(tmp_path: Path) -> None:
-    images(tmp_path)
-    cameras = with_table(tmp_path) and read_cameras(str(tmp_path / "cameras.csv"))
-    words = (["a.png", "hall/b.png", "a.png"], "list", str(tmp_path / "in"), str(tmp_path / "out"))
-    plan = plan_files(*words, cameras=cameras)
-    assert list(plan.warnings) == []
-    assert plan.intrinsics.keys() == {"a.png", "hall/b.png"}
 
 
 def test_a_video_has_its_own_camera(tmp_path: Path) -> None:

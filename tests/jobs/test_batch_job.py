@@ -13,27 +13,21 @@ import numpy as np
 import pytest
 from helpers.batches import NAMES, images, outputs, request
 from helpers.command_line import Cli
-from helpers.requests import predict_request, video_request
 from helpers.tiny import write_model
-from helpers.videos import flat_frames, with_sound, write_mp4
+from helpers.videos import flat_frames, write_mp4
 from helpers.watched import Watched
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.options import GPU_BATCH, Upsampling, UpsamplingOptions
+from depthcli.core.options import GPU_BATCH
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.table import Format
-from depthcli.io.listing.folder import NameFilter
 from depthcli.io.manifest import FAILED, OK, CacheKey
-from depthcli.jobs.batch.plan import plan_files, plan_folder
+from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
 from depthcli.jobs.batch.workers import WorkerSpec
-from depthcli.jobs.predict import predict
-from depthcli.jobs.video.plan import VideoSettings
-from depthcli.jobs.video.run import video
-from depthcli.video.formats import VideoFormat
 
 
 def test_a_library_s_batch_prints_nothing_and_gives_what_the_shell_gives(
@@ -147,60 +141,12 @@ def test_outputs_do_not_go_behind_http(tmp_path: Path) -> None:
         plan_folder(str(tmp_path / "in"), "https://host/out")
 
 
-def test_excluded_folder_is_not_listed(tmp_path: Path) -> None:
-    images(tmp_path)
-    for name in ("notes.txt", "hall/notes.txt", "thumbs/notes.txt"):
-        (tmp_path / "in" / name).parent.mkdir(exist_ok=True)
-        (tmp_path / "in" / name).touch()
-    wanted = NameFilter.of((), ("thumbs",))
-    plan = plan_folder(str(tmp_path / "in"), str(tmp_path / "out"), wanted)
-    assert {file.name for file in plan.skipped} == {"notes.txt", "hall/notes.txt"}
-
-
-def test_a_folder_and_its_outputs_may_be_file_uris_or_paths(tmp_path: Path) -> None:
-    images(tmp_path)
-    uris = ((tmp_path / name).as_uri() for name in ("in", "out"))
-    plan = plan_folder(*uris)
-    assert (plan.out, plan.inputs) == (tmp_path / "out", request(tmp_path).plan.inputs)
-    assert {file.name for file in plan.inputs} == set(NAMES)
-    paths = tmp_path / "in", tmp_path / "out"
-    assert plan_folder(*paths).inputs == plan.inputs
-    assert set(plan_files(NAMES, "mine", *paths).inputs) == set(plan.inputs)
-
-
 def test_batch_of_images_loads_no_video_library() -> None:
     code = (
         "import sys, depthcli.jobs.batch.run; print(*{'av', 'tarfile', 'pyarrow'} & {*sys.modules})"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
     assert done.stdout.split() == []
-
-
-WRITING = WriterOptions(png_scale=256.0, half=True, colormap="turbo", legend=True)
-DETAIL = UpsamplingOptions(Upsampling.BILINEAR)
-
-
-@pytest.mark.parametrize("camera", [Intrinsics(hfov_deg=80.0), Intrinsics(focal_px=40.0)])
-def test_a_file_in_a_batch_becomes_what_it_is_alone(tmp_path: Path, camera: Intrinsics) -> None:
-    images(tmp_path)
-    clip = with_sound(tmp_path / "in" / "clip.mkv", seconds=0.12)
-    formats = (Format.PNG16, Format.EXR, Format.PREVIEW, Format.JSON)
-    asked = request(
-        tmp_path, options=BatchOptions(formats, writing=WRITING, camera=camera, detail=DETAIL)
-    )
-    results = {result.row.input: result.row for result in Batch(asked)}
-    alone, loader = f"{tmp_path}/alone/", asked.model
-    image = str(tmp_path / "in" / "a.png")
-    words = {"model": loader, "camera": camera, "writing": WRITING, "detail": DETAIL}
-    list(predict(predict_request([image], alone, formats, **words)))
-    settings = VideoSettings(writing=WRITING, camera=camera, detail=DETAIL)
-    of_video = (VideoFormat.MKV, VideoFormat.EXR, VideoFormat.MP4, VideoFormat.JSON)
-    done = video(video_request(clip, alone, of_video, model=loader, settings=settings))
-    wanted, found = outputs(tmp_path / "alone"), outputs(tmp_path / "out")
-    assert len(wanted) == 4 + 3 + 3
-    assert {name: found.get(name) for name in wanted} == wanted
-    assert results["clip.mkv"].warnings == done.warnings
-    assert "(given)" in str(results["clip.mkv"].camera)
 
 
 def test_pixel_limit_holds_in_dry_run_and_batch(tmp_path: Path) -> None:

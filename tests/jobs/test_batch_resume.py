@@ -42,15 +42,6 @@ from depthcli.jobs.batch.tasks import BatchOptions
 ALL = dict.fromkeys(NAMES, True)
 
 
-def test_valid_outputs_are_kept(tmp_path: Path) -> None:
-    images(tmp_path)
-    assert kept(tmp_path) == dict.fromkeys(NAMES, False)
-    written = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*.png")}
-    one_by_three = replace(request(tmp_path), workers=1, batch_size=3)
-    assert all(result.is_kept for result in Batch(one_by_three))
-    assert written == {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*.png")}
-
-
 @pytest.mark.parametrize(
     "options",
     [

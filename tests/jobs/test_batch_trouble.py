@@ -306,23 +306,6 @@ def test_an_output_of_an_earlier_input_is_replaced_on_request_or_when_that_is_go
     assert [row.input for row in read_rows(tmp_path / "out")] == ["a.avi"]
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        ("a.jpg", "a.png"),
-        ("a.jpg", "A.PNG", "b.png"),
-        ("a.jpg", "a.depth.jpg", "a.jpg.png"),
-        ("hall/a.jpg", "a.png", "hall/a.mp4"),
-    ],
-)
-def test_shards_agree_on_names(tmp_path: Path, names: tuple[str, ...]) -> None:
-    whole = listed(tmp_path, *names)
-    for count in (2, 3):
-        parts = [listed(tmp_path, *names[::-1], shard=Shard(n + 1, count)) for n in range(count)]
-        bases = {file.name: part.names.base(file.name) for part in parts for file in part.inputs}
-        assert bases == {name: whole.names.base(name) for name in names}
-
-
 def test_absolute_paths_have_one_name_anywhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,7 +23,6 @@ from helpers.plates import (
     written,
 )
 from helpers.requests import predict_request, video_request
-from helpers.stores import Bucket
 from helpers.tiny import write_image, write_model
 from helpers.videos import flat_frames
 from helpers.watched import Watched
@@ -42,8 +41,7 @@ from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.image import FailedInput
-from depthcli.jobs.outputs import plan_outputs
-from depthcli.jobs.predict import image_destination, predict
+from depthcli.jobs.predict import predict
 from depthcli.jobs.predict_images import PredictResult
 from depthcli.jobs.video.plan import VideoResult, VideoSettings, video_destination
 from depthcli.jobs.video.run import video
@@ -139,18 +137,6 @@ def test_an_image_is_mirrored_outside_its_data_window(data: Box, tmp_path: Path)
     assert expected.max() > 0
 
 
-def test_a_store_has_plates_too(tmp_path: Path, bucket: Bucket) -> None:
-    plate = write_plate(tmp_path, 1, MIXED)
-    uri = bucket.put("in/plate.1.exr", plate.read_bytes())
-    here, there = read_image(plate), read_image(uri)
-    np.testing.assert_array_equal(here.pixels, there.pixels)
-    assert here.windows == there.windows
-    assert str(there.path) == uri
-    uri = bucket.put("in/plate.1.exr", plate.read_bytes()[:1000])
-    with pytest.raises(InputError):
-        read_image(uri)
-
-
 def test_its_size_is_limited_before_its_pixels_are_read(tmp_path: Path) -> None:
     plate = write_plate(tmp_path, 1, OVERSCAN)
     plate.write_bytes(plate.read_bytes()[:1000])  # without most of its pixels
@@ -194,15 +180,6 @@ def test_a_plate_outside_the_display_window_has_no_depth(
     assert np.isnan(
         read_stored_depth(tmp_path / "out" / "plate.1.depth.exr").displayed.values
     ).all()
-
-
-@pytest.mark.parametrize("out", [None, "out/"])
-def test_an_exr_beside_another_image_keeps_its_suffix(out: str | None) -> None:
-    sources = [Path("plate.jpg"), Path("plate.exr"), Path("other.exr")]
-    for order in (sources, sources[::-1]):
-        plans = plan_outputs(order, image_destination(out, (Format.NPY,)))
-        names = {plan.outputs["npy"].name for plan in plans}
-        assert names == {"plate.jpg.depth.npy", "plate.exr.depth.npy", "other.depth.npy"}
 
 
 def test_a_batch_reads_those_of_a_list_alone(tmp_path: Path, loader: SessionLoader) -> None:
@@ -340,20 +317,6 @@ def test_each_plate_has_own_windows(tmp_path: Path, depth_of: Callable[..., Vide
         (100, 50, 100, 50),  # a file has to have a pixel
     ]
     assert np.isnan(found[3][3]).all()
-
-
-@pytest.mark.parametrize("data", [DISPLAY, (96, 46, 167, 97), CROP])
-def test_a_plate_with_less_overscan_than_the_first_has_its_own_depth(
-    data: Box, tmp_path: Path, depth_of: Callable[..., VideoResult], loader: SessionLoader
-) -> None:
-    write_plate(tmp_path / "in", 0, OVERSCAN)
-    plate = write_plate(tmp_path / "in", 1, data)
-    depth_of(VideoFormat.EXR)
-    predicted(plate, loader, Format.EXR)
-    *windows, _, stored = written(tmp_path / "out" / "plate.depth.000001.exr")
-    *expected, _, alone = written(plate.parent / "out" / "plate.1.depth.exr")
-    assert windows == expected == [data, DISPLAY]
-    np.testing.assert_array_equal(stored, alone)
 
 
 def test_a_plate_of_another_display_window_ends_the_sequence(

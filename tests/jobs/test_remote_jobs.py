@@ -9,7 +9,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from helpers.batches import images, outputs
 from helpers.requests import predict_request, video_request
@@ -19,11 +18,8 @@ from helpers.videos import flat_frames, write_video
 from helpers.watched import Watched
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.types import DepthMap
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.manifest import WHOLE, Shard
@@ -253,16 +249,6 @@ def test_the_requests_of_a_batch_are_those_of_the_documentation(
         assert len(errors) == 1
         assert str(sensor) in errors[0]
     assert bucket.objects()["out/b.depth.png"] == image
-
-
-def test_an_exr_is_downloaded_once(tmp_path: Path, bucket: Bucket, faults: Faults) -> None:
-    depth = DepthMap(np.full((4, 5), 2, np.float32))
-    ExrWriter().write(depth, tmp_path / "a.exr")
-    uri = bucket.put("a.exr", (tmp_path / "a.exr").read_bytes())
-    faults.seen.clear()
-    np.testing.assert_array_equal(read_stored_depth(uri).displayed.values, depth.values)
-    gets = [one for one in faults.seen.elements() if one == ("GET", f"/{bucket.name}/a.exr")]
-    assert len(gets) == 1
 
 
 def test_a_killed_batch_goes_on(tmp_path: Path, bucket: Bucket, tree: dict[str, bytes]) -> None:

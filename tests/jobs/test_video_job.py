@@ -313,27 +313,6 @@ def test_frames_that_keep_less_than_their_depth_tell_no_other_figures(
     assert contents(tmp_path / "described") == contents(tmp_path / "whole")
 
 
-def test_equal_depth_has_the_same_number_in_all_frames_of_a_range(
-    clip: Path, tmp_path: Path, loader: SessionLoader
-) -> None:
-    formats = (VideoFormat.PNG16, VideoFormat.EXR)
-    writing = WriterOptions(png_inverse=True, vmin=1.5, vmax=4)
-    settings = VideoSettings(writing=writing, smooth_s=0.2)
-    request = video_request(
-        clip, f"{tmp_path}/out/", formats, sidecar=True, model=loader, settings=settings
-    )
-    assert not any("range of each frame" in warning for warning in video(request).warnings)
-    for number in range(24):
-        path = tmp_path / "out" / f"clip.depth.{number:06}.png"
-        steps = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        depth = read_stored_depth(path.with_suffix(".exr")).depth.values.astype(float)
-        share = (1 / np.clip(depth, 1.5, 4) - 1 / 4) / (1 / 1.5 - 1 / 4)
-        np.testing.assert_allclose(steps, 1 + 65534 * share, atol=0.51)
-        stated = read_stored_depth(path).depth.values
-        cv2.imwrite(str(path), steps)  # without its texts, it has those of the video's sidecar
-        np.testing.assert_allclose(read_stored_depth(path).depth.values, stated, rtol=1e-6)
-
-
 @pytest.mark.parametrize(
     "settings",
     [
@@ -367,20 +346,6 @@ def test_a_run_that_cannot_be_resumed_ends_the_record_of_an_earlier_one(
         there = video_destination(f"{tmp_path}/{folder}/", (VideoFormat.NPY,))
         video(dataclasses.replace(request, destination=there))
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
-
-
-def test_names_of_outputs(tmp_path: Path) -> None:
-    formats = (VideoFormat.MKV, VideoFormat.PNG16)
-    beside = plan_video(video_request("in/a.mov", None, formats))
-    assert beside.path(VideoFormat.MKV).as_posix() == "in/a.depth.mkv"
-    assert plan_video(video_request("a.mov", "x/b.mkv", formats)).names == {
-        VideoFormat.MKV: "b.depth.mkv",
-        VideoFormat.PNG16: "b.depth.%06d.png",
-    }
-    described = plan_video(video_request("a.mov", "x/b.webm", sidecar=True))
-    assert described.names == {VideoFormat.WEBM: "b.webm", VideoFormat.JSON: "b.json"}
-    assert plan_video(video_request("a.mov", tmp_path, formats)).folder == tmp_path
-    assert video_destination("frames", ()).formats == (VideoFormat.MKV, VideoFormat.MP4)
 
 
 @pytest.mark.parametrize(

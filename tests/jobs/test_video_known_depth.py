@@ -1,11 +1,8 @@
 """Known depth of the frames of a video."""
 
-from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
-from threading import Barrier
 
 import numpy as np
 import pytest
@@ -21,7 +18,6 @@ from depthcli.jobs.video.plan import VideoResult, VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.known import frames as known_depth
 from depthcli.known.files import KnownDepthFiles
-from depthcli.known.points import KnownDepth
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span
 
@@ -101,36 +97,6 @@ def test_files_named_by_the_time_stamps_of_images_belong_to_them(
         assert [image[4, 5] for image in images] == pytest.approx([3, 4, 5], abs=0.01)
     with pytest.raises(InputError):  # half a frame is 20 ms
         run(tmp_path / "png", loader, tmp_path / "csv")
-
-
-def test_a_scan_is_read_once_for_the_frames_near_it(
-    clip: Path, loader: SessionLoader, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "known").mkdir()
-    (tmp_path / "known/0001.csv").write_text(f"{HEADER}\n5,4,4\n")
-    (tmp_path / "known/0004.csv").write_text(f"{HEADER}\n5,4,5\n")
-    read, count = known_depth.read_file, Counter[str]()
-
-    def counted(path: Path, stated: KnownDepthFiles) -> KnownDepth:
-        count[path.stem] += 1
-        return read(path, stated)
-
-    monkeypatch.setattr(known_depth, "read_file", counted)
-    run(clip, loader, tmp_path / "known", anchors_within_s=0.05)
-    assert depths_m(clip) == pytest.approx([4, 4, 4, 5, 5, 5], abs=0.05)
-    assert count == {"0001": 1, "0004": 1}
-
-
-def test_files_of_two_frames_are_read_at_one_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for number in (1, 2):
-        (tmp_path / f"{number}.csv").touch()
-    together, points = Barrier(2, timeout=10), KnownDepth.of([Anchor(5, 4, 4)])
-    monkeypatch.setattr(known_depth, "read_file", lambda *_: together.wait() < 2 and points)
-    anchors = known_depth.KnownDepthOfFrames(KnownDepthFiles(str(tmp_path)))
-    with ThreadPoolExecutor(2) as pool:
-        assert all(pool.map(lambda number: anchors.of_frame(number, 0.0, 10.0), (1, 2)))
 
 
 @pytest.mark.parametrize("column", ["frame", "time_s"])

@@ -12,7 +12,7 @@ from depthcli.core.options import DepthFit
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.known import local_correction
-from depthcli.known.fit import ERROR_SD, SHIFT_SD, fit_known_depth, fitted
+from depthcli.known.fit import fit_known_depth, fitted
 from depthcli.known.points import KnownDepth
 
 RANDOM = np.random.default_rng(3)
@@ -33,13 +33,6 @@ def test_anchors_recover_scale_and_shift(kind: DepthKind) -> None:
     assert fitted.values == pytest.approx(truth_m, rel=1e-3)
 
 
-def test_the_scale_of_metric_maps_is_recovered() -> None:
-    truth_m = RANDOM.uniform(1, 9, (8, 10))
-    points = [Point(x, 2, float(truth_m[2, x])) for x in range(3)]
-    fitted = fitted_map(DepthMap((truth_m / 1.7).astype(np.float32)), points)
-    assert fitted.values == pytest.approx(truth_m, rel=1e-4)
-
-
 def test_two_anchors_of_similar_depth_do_not_move_a_metric_map_far() -> None:
     """A line through both would be 30 x - 59: the far wall at 61 m, the table behind the camera."""
     depth = DepthMap(np.float32([[1.0, 2.0, 2.02, 4.0]]))
@@ -47,28 +40,6 @@ def test_two_anchors_of_similar_depth_do_not_move_a_metric_map_far() -> None:
     assert fitted.values == pytest.approx(depth.values * 1.13, rel=0.05)
     same = fitted_map(depth, [Point(1, 0, 2.0), Point(1, 0, 3.0)])
     assert same.values[0, 3] / same.values[0, 0] == pytest.approx(4, rel=0.05)
-
-
-def slow_cost(scale: float, shift: float, values: list[float], wanted: list[float]) -> float:
-    """What the fit of a metric map minimizes, in plain loops."""
-    ratio = sorted(m / v for v, m in zip(values, wanted, strict=True))[len(values) // 2]
-    total = (ERROR_SD / SHIFT_SD * shift / (ratio * sorted(values)[len(values) // 2])) ** 2
-    for value, metres in zip(values, wanted, strict=True):
-        total += ((scale * value + shift - metres) / (ratio * value)) ** 2
-    return total
-
-
-def test_nothing_near_the_fit_costs_less() -> None:
-    values, wanted = [1.0, 2.0, 5.0], [1.3, 1.9, 4.4]
-    depth = DepthMap(np.array([[*values, 1e3, 2e3]], np.float32))
-    points = [Point(x, 0, metres) for x, metres in enumerate(wanted)]
-    fitted = fitted_map(depth, points).values[0].astype(float)
-    scale = (fitted[-1] - fitted[-2]) / 1e3
-    shift = fitted[0] - scale * values[0]
-    least = slow_cost(scale, shift, values, wanted)
-    for step in (1e-4, -1e-4):
-        assert slow_cost(scale + step, shift, values, wanted) > least
-        assert slow_cost(scale, shift + step, values, wanted) > least
 
 
 def test_one_anchor_fits_the_scale() -> None:
@@ -283,15 +254,6 @@ def test_noise_of_points_is_not_copied() -> None:
     assert np.abs(at_points).mean() < 0.7 * 0.04  # mean of the noise
 
 
-def test_wrong_points_have_no_effect() -> None:
-    depth = DepthMap(mapped_m(), DepthKind.METRIC)
-    followed = fitted_map(depth, points(400, noise=0.02, wrong=0.25))
-    assert abs_rel(followed) < 0.03
-    fit = followed.provenance.anchor_fit if followed.provenance else None
-    assert fit is not None
-    assert 0.7 * 400 < fit.used < 0.8 * 400
-
-
 def test_depth_far_from_all_points_is_that_of_the_fit() -> None:
     depth = DepthMap(mapped_m(), DepthKind.METRIC)
     seen = points(2000)
@@ -334,13 +296,6 @@ def test_a_level_sums_points_as_a_plain_loop_does() -> None:
             )
         alone = level.spread((np.arange(12) == j).astype(float))
         assert level.read(alone)[i] == pytest.approx(plain, abs=1e-5)
-
-
-def test_weight_of_a_point_at_itself_is_known() -> None:
-    """Leaving a point out needs it; it depends on the place within the cell."""
-    for place in ((0.31, 0.4, 0.52), (0.45, 0.33, 0.6), (0.5, 0.375, 0.5)):
-        level = local_correction._Level(0.1, np.array([place]).T, 0.75, 0.0, 1.2)
-        assert level.read(level.spread(np.ones(1))) == pytest.approx(level.self_weight, rel=1e-6)
 
 
 def test_points_outside_are_left_out_and_counted() -> None:

@@ -159,18 +159,6 @@ def test_a_map_without_metres_is_refused(tmp_path: Path) -> None:
             read_known_depth(KnownDepthFiles(str(tmp_path / name)))
 
 
-def test_a_folder_has_a_file_for_each_image(tmp_path: Path) -> None:
-    files = KnownDepthFiles(str(tmp_path))
-    (tmp_path / "hall").mkdir()
-    (tmp_path / "hall" / "a.b.csv").write_text("x,y,depth_m\n1,2,3\n")
-    assert files.file_for("hall/a.b.jpg") == tmp_path / "hall" / "a.b.csv"
-    with pytest.raises(InputError):
-        files.file_for("hall/a.jpg")
-    np.save(tmp_path / "hall" / "a.b.npy", DEPTH_M)
-    with pytest.raises(InputError):
-        files.file_for("hall/a.b.jpg")
-
-
 def test_a_folder_may_be_an_output_of_convert(tmp_path: Path) -> None:
     NpyWriter().write(DepthMap(DEPTH_M), tmp_path / "a.depth.npy")
     files = KnownDepthFiles(str(tmp_path))

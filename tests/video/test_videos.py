@@ -22,8 +22,6 @@ from helpers.videos import (
     write_preview_video,
     write_video,
 )
-from hypothesis import given
-from hypothesis import strategies as st
 
 from depthcli import __version__
 from depthcli.core.imageops import value_channel
@@ -52,13 +50,6 @@ def seen_times_ms(path: Path) -> tuple[float, list[float]]:
     while capture.grab():
         times.append(capture.get(cv2.CAP_PROP_POS_MSEC))
     return fps, times
-
-
-@given(st.sampled_from([1001, 1]), st.integers(1, 240))
-def test_a_rate_is_found_from_its_double(below: int, base: int) -> None:
-    rate = Fraction(base * (1000 if below == 1001 else 1), below)
-    found = exact_rate(float(rate))
-    assert found == rate
 
 
 @pytest.mark.parametrize(
@@ -90,43 +81,6 @@ def test_a_depth_video_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Pa
     assert times_ms == pytest.approx([float(i * 1000 / rate) for i in range(frames)], abs=0.501)
 
 
-@pytest.mark.parametrize("rate", RATES, ids=rate_text)
-def test_a_preview_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Path) -> None:
-    write_preview_video(tmp_path / "a.mp4", [np.ones((16, 16), np.float32)] * 40, rate)
-    fps, times_ms = seen_times_ms(tmp_path / "a.mp4")
-    assert fps == float(rate)
-    assert times_ms == pytest.approx([float(i * 1000 / rate) for i in range(40)], abs=0.01)
-
-
-@pytest.mark.parametrize(
-    "times_s",
-    [
-        [0, 0.033, 0.067, 0.2, 40, 40.04, 120],  # pauses
-        [i / 24 for i in range(48)] + [2 + 60 * i for i in range(48)],  # slower than the mean
-        [2 * i for i in range(48)] + [96 + i / 60 for i in range(400)],  # ahead of the mean
-        [0, 16_000],
-    ],
-)
-@pytest.mark.parametrize(
-    "rate",
-    [
-        *(Fraction(25), Fraction(1, 3)),
-        Fraction(300_000, 91_001),  # takes more digits than nanoseconds a frame have
-    ],
-)
-def test_times_far_from_the_mean_rate_are_kept(
-    tmp_path: Path, times_s: list[float], rate: Fraction
-) -> None:
-    maps = [np.full((16, 16), 1 + 0.001 * i, np.float32) for i in range(len(times_s))]
-    write_depth_video(tmp_path / "a.mkv", maps, rate, times_s=times_s)
-    wanted_ms = [round(time_s * 1000) for time_s in times_s]
-    assert seen_times_ms(tmp_path / "a.mkv")[1] == pytest.approx(wanted_ms)
-    video = DepthVideo(tmp_path / "a.mkv")
-    assert video.rate == rate
-    steps = [int(frame[0, 0]) for frame in video.steps()]
-    assert steps == [1000 + i for i in range(len(times_s))]
-
-
 def test_uneven_times_of_a_video_are_read(tmp_path: Path) -> None:
     times_s = [0, 0.033, 0.067, 0.2, 0.233, 1.5]
     write_mp4(tmp_path / "a.mp4", flat_frames(range(6)), times_s=times_s)
@@ -135,29 +89,6 @@ def test_uneven_times_of_a_video_are_read(tmp_path: Path) -> None:
         with pytest.raises(UsageError):
             source.frames()
     assert found == pytest.approx(times_s, abs=0.0012)
-
-
-@pytest.mark.parametrize("size", [(48, 64), (47, 63), (2, 3), (31, 16)])
-def test_millimetres_come_back_frame_for_frame(size: tuple[int, int], tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    steps = rng.integers(0, 65536, (30, *size), dtype=np.uint16)
-    maps = [np.where(s == 0, np.nan, s / 1000).astype(np.float32) for s in steps]
-    write_depth_video(tmp_path / "a.mkv", maps)
-    video = DepthVideo(tmp_path / "a.mkv")
-    np.testing.assert_array_equal(list(video.steps()), steps)
-    for depth, values in zip(video, maps, strict=True):
-        np.testing.assert_array_equal(depth.values, values)
-    assert (video.rate, video.scale, video.kind) == (NTSC, 1000, DepthKind.METRIC)
-    assert video.labels["frame_rate"] == "30000/1001"
-    assert video.labels["unit"] == "mm"
-
-
-def test_another_scale_is_labelled_and_obeyed(tmp_path: Path) -> None:
-    values = np.full((8, 8), 2.5, np.float32)
-    write_depth_video(tmp_path / "a.mkv", [values], scale=256)
-    assert next(DepthVideo(tmp_path / "a.mkv").steps())[0, 0] == 640
-    assert next(iter(DepthVideo(tmp_path / "a.mkv"))).values[0, 0] == 2.5
-    assert next(iter(DepthVideo(tmp_path / "a.mkv", scale=640))).values[0, 0] == 1
 
 
 def test_depth_out_of_range_saturates_with_a_warning(tmp_path: Path) -> None:
@@ -203,53 +134,8 @@ def test_a_size_that_the_codec_does_not_take_is_one_line(tmp_path: Path) -> None
     assert list(tmp_path.iterdir()) == []
 
 
-def read(path: Path, span: Span) -> tuple[list[int], list[float]]:
-    with VideoSource(path) as source:
-        frames = list(source.frames(span))
-    for frame in frames:
-        assert abs(int(frame.pixels[0, 0, 0]) - 3 * frame.index) <= 3
-    return [f.index for f in frames], [f.timestamp_s or 0.0 for f in frames]
-
-
-def seconds(value: str) -> Point:
-    return Point(Fraction(value))
-
-
 def number(value: int) -> Point:
     return Point(Fraction(value), in_frames=True)
-
-
-SPANS = [
-    (Span(), list(range(80))),
-    (Span(number(10), number(20)), list(range(10, 20))),
-    (Span(seconds("0.4"), seconds("0.8")), list(range(10, 20))),
-    (Span(seconds("0.41"), seconds("0.81")), list(range(11, 21))),
-    (Span(every=number(30)), [0, 30, 60]),
-    (Span(number(5), None, number(30)), [5, 35, 65]),
-    (Span(every=seconds("1")), [0, 25, 50, 75]),
-    (Span(every=seconds("0.1")), [0, 3, 5, 8, 10, 13, 15, 18, 20, 23, 25, 28, 30, 33]),
-    (Span(every=seconds("0.001")), list(range(80))),
-    (Span(number(79), number(500)), [79]),
-    (Span(number(80)), []),
-]
-
-
-@pytest.mark.parametrize(("span", "expected"), SPANS)
-def test_a_span_picks_its_frames(span: Span, expected: list[int], tmp_path: Path) -> None:
-    path = write_video(tmp_path / "a.avi", flat_frames(range(0, 240, 3)))
-    indices, times_s = read(path, span)
-    assert indices[: len(expected)] == expected
-    assert times_s[: len(expected)] == pytest.approx([i / 25 for i in expected])
-    if span.every.value != Fraction("0.1"):
-        assert len(indices) == len(expected)
-    assert span.count(80, Fraction(25)) == pytest.approx(len(indices), abs=1)
-
-
-def test_the_rate_of_a_span() -> None:
-    assert Span().rate(NTSC) == NTSC
-    assert Span(every=number(3)).rate(NTSC) == Fraction(10000, 1001)
-    assert Span(every=seconds("0.5")).rate(NTSC) == 2
-    assert Span(every=seconds("0.001")).rate(NTSC) == NTSC
 
 
 ONE = 1 << 16
@@ -366,15 +252,6 @@ def test_a_damaged_place_costs_its_frames_and_not_the_rest(tmp_path: Path, place
     times_s = [float(frame.index / NTSC) for frame in frames]
     assert [frame.timestamp_s for frame in frames] == pytest.approx(times_s, abs=0.002)
     assert f"{len(missing)} frames cannot be decoded" in source.problem
-
-
-@pytest.mark.parametrize("ratio", [None, Fraction(1), Fraction(4, 3)])
-def test_frames_have_the_shape_of_their_pixels(tmp_path: Path, ratio: Fraction | None) -> None:
-    frames = flat_frames(range(3))
-    path = encode(tmp_path / "a.mkv", frames, Fraction(25), "mpeg4", "yuv420p", aspect=ratio)
-    with VideoSource(path) as source:
-        assert source.warnings == ()
-        assert {frame.pixel_aspect for frame in source.frames()} == {float(ratio or 1)}
 
 
 def test_a_trimmed_video_is_whole(tmp_path: Path) -> None:

@@ -29,18 +29,6 @@ def _pair(folder: Path, image: str, value: int, depth: str, millimetres: int) ->
     _write(folder / "depth" / depth, millimetres, depth=True)
 
 
-def test_subfolders_are_scenes(tmp_path: Path) -> None:
-    for i, name in enumerate(["hall/1", "hall/2", "lab/1"]):
-        _write(tmp_path / "rgb" / f"{name}.png", 10 * i, depth=False)
-        _write(tmp_path / "depth" / f"{name}.png", 1000 * (i + 1), depth=True)
-    dataset = open_paired_folder(tmp_path)
-    assert dataset.ids == ("hall/1", "hall/2", "lab/1")
-    assert dataset.scenes == ("hall", "hall", "lab")
-    assert dataset.official_split == ("", "", "")
-    assert [float(dataset.depth_m(i)[0, 0]) for i in range(3)] == [1.0, 2.0, 3.0]
-    assert [int(dataset.image(i)[0, 0, 0]) for i in range(3)] == [0, 10, 20]
-
-
 def test_predicted_depth_belongs_to_its_image(tmp_path: Path) -> None:
     _write(tmp_path / "rgb" / "hall" / "a.png", 10, depth=False)
     _write(tmp_path / "depth" / "hall" / "a.depth.png", 2000, depth=True)

@@ -90,30 +90,6 @@ def test_predictions_scale_is_not_png_scale(data: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize(
-    ("kind", "align", "count"), [("relative", "depth", 0), ("inverse", "disparity", 3)]
-)
-def test_a_wrong_kind_is_noticed(
-    data: Path, kind: str, align: str, count: int, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Least squares gives good scores to depth, whatever its kind is called."""
-    files = str(data.parent / "files")
-    for name, millimetres in _millimetres(data).items():
-        cv2.imwrite(f"{files}/{name}.png", millimetres)
-    words = ["eval", "pairs", str(data), "--predictions", files, "--predictions-kind", kind]
-    words += ["--align", align]
-    assert main([*words, "--json"]) == ExitCode.OK
-    (row,) = json.loads(capsys.readouterr().out)["rows"]
-    assert row["scores"]["d1"] > 0.5
-    assert row.get("images_with_reversed_order", 0) == count
-    assert main(words) == ExitCode.OK
-    note = (
-        f"* {files}: the fit ({align}) reversed the order of depth in 3 of 3 images: "
-        "its kind of depth may be wrong"
-    )
-    assert (note in capsys.readouterr().out) is bool(count)
-
-
-@pytest.mark.parametrize(
     ("index", "scenes"),
     [
         (None, ["hall", "hall", "yard"]),

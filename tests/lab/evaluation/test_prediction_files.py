@@ -67,13 +67,9 @@ def test_metric_integers_are_refused(tmp_path: Path) -> None:
 def test_missing_prediction_is_an_error(tmp_path: Path) -> None:
     _write_npy(tmp_path)
     (tmp_path / "0001.npy").unlink()
-    with pytest.raises(DatasetError, match=r"0001\.npy"):
-        open_predictions(tmp_path, SAMPLES)
-
-
-def test_missing_folder(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError):
-        open_predictions(tmp_path / "none", SAMPLES)
+    for folder, reason in ((tmp_path, r"0001\.npy"), (tmp_path / "none", "none")):
+        with pytest.raises(DatasetError, match=reason):
+            open_predictions(folder, SAMPLES)
 
 
 @pytest.mark.parametrize("position", [0, 1])

@@ -21,19 +21,18 @@ def test_headline_counts_the_full_frame_inside_the_range() -> None:
     assert not truth.valid[0, :4].any()
 
 
-def test_eigen_crop_is_rows_45_to_470_and_columns_41_to_600() -> None:
-    truth = EvalProtocol(crop=Crop.EIGEN).truth(np.full((480, 640), 2.0, np.float32))
-    rows, columns = np.nonzero(truth.valid)
-    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (45, 470, 41, 600)
-    assert truth.depth_m.size == 426 * 560
-
-
-def test_s2d_crop_is_the_middle_304_by_228_pixels_at_half_the_size() -> None:
-    truth = EvalProtocol(crop=Crop.S2D).truth(np.full((480, 640), 2.0, np.float32))
-    rows, columns = np.nonzero(truth.valid)
-    assert truth.valid.shape == (240, 320)
-    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (6, 233, 8, 311)
-    assert truth.depth_m.size == 228 * 304
+@pytest.mark.parametrize(
+    ("crop", "shape", "expected"),
+    [
+        (Crop.EIGEN, (480, 640), (45, 470, 41, 600)),
+        (Crop.S2D, (240, 320), (6, 233, 8, 311)),  # the middle 304 by 228 pixels
+    ],
+)
+def test_crops(crop: Crop, shape: tuple[int, int], expected: tuple[int, ...]) -> None:
+    truth = EvalProtocol(crop=crop).truth(np.full((480, 640), 2.0, np.float32))
+    (top, left), (bottom, right) = (end(np.nonzero(truth.valid), 1) for end in (np.min, np.max))
+    assert (truth.valid.shape, (top, bottom, left, right)) == (shape, expected)
+    assert truth.depth_m.size == (bottom - top + 1) * (right - left + 1)
 
 
 def test_raw_mask_counts_measured_pixels() -> None:
@@ -66,14 +65,10 @@ def test_comparison_at_another_size_equals_the_plain_loop() -> None:
     truth = protocol.truth(depth_m)
     pixels = protocol.compare(DepthMap(predicted), truth, Alignment.NONE)
 
-    inside = ((depth_m > 1e-3) & (depth_m < 10)).astype(float).tolist()
-    valid = [[v > 1 - 1e-6 for v in line] for line in plain.bilinear(inside, 9, 9)]
-    pairs = plain.compare(
-        plain.bilinear(depth_m.tolist(), 9, 9),
-        plain.bilinear(predicted.tolist(), 9, 9),
-        valid=valid,
-    )
-    assert 0 < len(pairs) < 81
+    inside = (depth_m > 1e-3) & (depth_m < 10)
+    maps = (plain.bilinear(values, 9, 9) for values in (depth_m, predicted))
+    pairs = plain.compare(*maps, valid=plain.bilinear(inside, 9, 9) > 1 - 1e-6)
+    assert 0 < len(pairs[0]) < 81
     expected = plain.metrics(pairs)
     for name, value in PixelSums.of(pixels).scores().items():
         assert value == pytest.approx(expected[name], rel=2e-6, abs=1e-6), name

@@ -14,7 +14,7 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import UsageError
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.lab.datasets.base import ALL_PAIRS, Split, SplitName
-from depthcli.lab.evaluation.figures import Figure, choose_images, contact_sheet, draw_figures
+from depthcli.lab.evaluation.figures import Figure, choose_images, draw_figures
 from depthcli.lab.evaluation.page import Page, html_page, report_page
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.evaluation.report import EvalReport, ImageScores, ReportRow, Source
@@ -188,16 +188,6 @@ def test_named_images_keep_their_order_and_must_be_compared() -> None:
         choose_images(task, ["0009"])
 
 
-def test_depth_without_metres_is_fitted_before_it_is_shown() -> None:
-    task = _task(["a_1"], (120, 160))
-    dataset = task.dataset
-    dataset.depths_m[:] = np.linspace(1, 8, 160, dtype=np.float32)
-    inverse = {"0000": (5 / dataset.depths_m[0] + 3).astype(np.float32)}
-    gray, _ = draw_figures(task, (0,), [("inverse", Playback(inverse, DepthKind.INVERSE))])
-    sheet = _pixels(gray)
-    assert np.abs(_cell(sheet, 0, 1) - _cell(sheet, 0, 2)).max() <= 1
-
-
 def test_holes_of_the_truth_are_no_depth() -> None:
     task = _task(["a_1"], (120, 160))
     dataset = task.dataset
@@ -249,17 +239,6 @@ def test_every_cell_is_a_preview_in_the_range_of_its_rows_truth() -> None:
             for column, depth in enumerate(maps, 1):
                 cell = _cell(sheet, row, column)
                 assert np.abs(cell - writer.render(depth).astype(int)).max() <= 3 * (column == 2)
-
-
-def test_sheet_has_titles_over_its_columns_and_images_where_they_belong() -> None:
-    black, blue = np.zeros((40, 60, 3), np.uint8), np.full((40, 50, 3), (0, 0, 255), np.uint8)
-    sheet = contact_sheet([[black, blue], [blue, black]], ["one", "Überlänge " * 9])
-    assert sheet.shape == (TITLE + 2 * 40 + 2 * GAP, 2 * 60 + 3 * GAP, 3)
-    assert (sheet[TITLE : TITLE + 40, GAP : GAP + 60] == 0).all()
-    assert (sheet[TITLE : TITLE + 40, 2 * GAP + 60 : 2 * GAP + 110] == (0, 0, 255)).all()
-    for left in (GAP, 2 * GAP + 60):
-        assert (sheet[:TITLE, left : left + 60] < 200).any()
-    assert (sheet[:TITLE, GAP + 60 : 2 * GAP + 60] == 255).all()
 
 
 def test_page_escapes_names_and_notes() -> None:

@@ -27,7 +27,7 @@ from depthcli.lab.evaluation.page import html_page, report_page
 from depthcli.lab.evaluation.predictors import ModelPredictor, open_model
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.evaluation.report import PUBLISHED, EvalReport, ImageScores, ReportRow, Source
-from depthcli.lab.evaluation.task import EvalTask, group_by_seed, plan_nyu, plan_pairs, plan_runs
+from depthcli.lab.evaluation.task import EvalTask, group_by_seed, plan_pairs, plan_runs
 from depthcli.lab.metrics.depth import METRICS, in_full
 from depthcli.lab.options import Alignment, Averaging
 from depthcli.lab.training.config import DataConfig, OptimConfig, TrainConfig
@@ -260,18 +260,6 @@ def test_text_json_and_page() -> None:
     plain = evaluate(plan_pairs(dataset, "own"), rows, ALONE)
     assert not report_page(plain).sections
     assert "differences" not in json.loads(plain.to_json())
-
-
-def test_trivial_rows_are_compared_with_their_alignments() -> None:
-    dataset = small_set(20, first=985)
-    task = plan_nyu(dataset, SplitName.PAPER)
-    options = EvalOptions(PROTOCOL, alignments=(MEDIAN,))
-    report = evaluate(task, _rows(dataset)[:1], replace(options, against="per-pixel mean"))
-    assert [(d.other, d.alignment) for d in report.differences] == [
-        ("constant mean", NONE),
-        ("constant mean", MEDIAN),
-        ("a", MEDIAN),
-    ]
 
 
 def test_one_scene_has_no_interval() -> None:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import plain_evaluator as plain
 from helpers.small_set import HEIGHT, WIDTH, Playback, noisy, small_set
 
 from depthcli.cli.app import main
@@ -19,7 +18,7 @@ from depthcli.lab.evaluation.page import html_page, report_page
 from depthcli.lab.evaluation.predictors import fit_trivial
 from depthcli.lab.evaluation.protocol import EvalProtocol
 from depthcli.lab.evaluation.report import EvalReport
-from depthcli.lab.evaluation.saved import compare_reports, read_report
+from depthcli.lab.evaluation.saved import compare_reports
 from depthcli.lab.evaluation.task import plan_nyu, plan_pairs, train_overlap, trained_numbers
 from depthcli.lab.metrics.depth import METRICS, add_metric
 from depthcli.lab.options import Alignment, Averaging, Part
@@ -27,20 +26,16 @@ from depthcli.models.card import ModelCard
 from depthcli.models.catalog import ready_card
 
 
-def test_means_equal_the_plain_loop() -> None:
+def test_means_are_of_valid_pixels() -> None:
     dataset = small_set()
     dataset.depths_m[:, 0, 0] = 0
     dataset.depths_m[:, 0, 1] = [0, 3, 0, 0, 5, 0]
     constant, per_pixel = fit_trivial(dataset, (0, 1, 4))
-    images = [dataset.depths_m[i].tolist() for i in (0, 1, 4)]
-    valid = [v for image in images for line in image for v in line if 1e-3 < v < 10]
-    assert np.ptp(constant.depth.values) == 0
-    assert constant.depth.values[0, 0] == pytest.approx(plain.mean(valid), rel=1e-6)
-    for y in range(HEIGHT):
-        for x in range(WIDTH):
-            here = [image[y][x] for image in images if 1e-3 < image[y][x] < 10]
-            expected = plain.mean(here) if here else plain.mean(valid)
-            assert per_pixel.depth.values[y, x] == pytest.approx(expected, rel=1e-6)
+    depths_m = dataset.depths_m[[0, 1, 4]].astype(float)
+    valid = np.ma.masked_outside(depths_m, 1.001e-3, 9.999)
+    np.testing.assert_allclose(constant.depth.values, valid.mean(), rtol=1e-6)
+    expected = valid.mean(0).filled(valid.mean())
+    np.testing.assert_allclose(per_pixel.depth.values, expected, rtol=1e-6)
     assert per_pixel.depth.values[0, 1] == 4.0
 
 
@@ -107,13 +102,6 @@ def _kept(
     report = evaluate(TASK.subsampled(limit), [row], options)
     path.write_text(report.to_json())
     return path
-
-
-def test_report_is_read_as_it_was_written(tmp_path: Path) -> None:
-    report, read = evaluate(TASK, [A], OPTIONS), read_report(_kept(tmp_path, A))
-    assert (read.title, read.protocol, read.scenes) == (report.title, OPTIONS.protocol, TASK.scenes)
-    assert read.rows[0].images == report.rows[0].images
-    assert read.rows[0].scores == report.rows[0].scores
 
 
 def test_differences_are_those_of_one_evaluation(tmp_path: Path) -> None:

@@ -184,14 +184,14 @@ def test_scores_equal_the_plain_loops(seed: int, holes: bool) -> None:
         valid[2:4, 3:5] = False
         truth[~valid], predicted[~valid] = 1e-9, math.nan
     maps = truth, predicted
-    found = [plain.edges(depth_m.tolist(), valid.tolist()) for depth_m in maps]
+    found = [plain.edges(depth_m, valid) for depth_m in maps]
     for depth_m, expected in zip(maps, found, strict=True):
         np.testing.assert_array_equal(_edges(_log(depth_m, valid), valid), expected)
         assert np.any(expected)
     scores = boundary_scores(maps[0], maps[1], valid)
     accuracy, completeness = plain.distances(*found)
     assert (scores.dbe_acc, scores.dbe_comp) == pytest.approx((accuracy, completeness), rel=1e-12)
-    f1 = plain.edge_f1(maps[0].tolist(), maps[1].tolist(), valid.tolist())
+    f1 = plain.edge_f1(*maps, valid)
     assert scores.edge_f1 == pytest.approx(f1, rel=1e-9)
     assert 0 < scores.edge_f1 < 1
 

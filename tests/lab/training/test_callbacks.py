@@ -31,25 +31,12 @@ from depthcli.lab.training.callbacks import (
     write_samples,
 )
 from depthcli.lab.training.checkpoint import METRICS_LOG
-from depthcli.lab.training.config import OutputConfig
 from depthcli.lab.training.networks.build import build_generator
 from depthcli.lab.training.provenance import TrainState
 
 
 def _steps(path: Path) -> list[int]:
     return [json.loads(line)["step"] for line in path.read_text().splitlines()]
-
-
-def test_lines_beyond_the_checkpoint_are_dropped(tmp_path: Path) -> None:
-    path = tmp_path / METRICS_LOG
-    truncate_log(path, 0)
-    assert not path.exists()
-    for step in (2, 4, 6):
-        append_log(path, TrainState(step=step), {"l1": 0.5})
-    for step, kept in ((9, [2, 4, 6]), (6, [2, 4, 6]), (5, [2, 4]), (0, [])):
-        truncate_log(path, step)
-        assert _steps(path) == kept
-    assert [p.name for p in tmp_path.iterdir()] == [METRICS_LOG]
 
 
 def test_a_line_has_the_losses_and_scores_of_its_epoch(tmp_path: Path) -> None:
@@ -169,22 +156,6 @@ def test_scores_are_means_over_the_pairs_at_the_truths_size(config: Any) -> None
     again = validation.score(generator, CPU)
     assert not generator.training
     assert dict(again.items()) == pytest.approx(dict(found.items()))
-
-
-def test_depth_counts_to_ten_metres_or_as_far_as_the_output_goes() -> None:
-    far = replace(rooms(), depths_m=rooms().depths_m * 2.2)  # about 9 m
-    found = {}
-    for max_m in (5.0, 10.0, 20.0):
-        config = replace(EFFICIENT, output=OutputConfig("log", 0.4, max_m))
-        validation = Validation(far, [0, 1], config)
-        raw = torch.full((1, 1, 16, 32), 1.0)  # as far as it goes
-        found[max_m] = validation.score(_Constant(raw), CPU)["rmse"]
-    kept = [d[d < 10] for d in far.depths_m[:2]]
-    for max_m in (5.0, 10.0):
-        wanted = np.mean([np.sqrt(np.mean((d - max_m) ** 2)) for d in kept])
-        assert found[max_m] == pytest.approx(wanted, rel=1e-4)
-    wanted = np.mean([np.sqrt(np.mean((d - 20.0) ** 2)) for d in far.depths_m[:2]])
-    assert found[20.0] == pytest.approx(wanted, rel=1e-4)
 
 
 @pytest.mark.parametrize("positions", [[0, 1], [4, 1]])

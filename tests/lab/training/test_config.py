@@ -11,7 +11,6 @@ import pytest
 from depthcli.core.types import DepthCodec
 from depthcli.errors import UsageError
 from depthcli.lab.training.config import TrainConfig, updated
-from depthcli.lab.training.methods.registry import DEFAULTS, default_config
 from depthcli.lab.training.methods.table import PAPER_METHODS, PRESETS
 from depthcli.lab.training.settings import PRESET_FOLDER, apply_overrides, resolve_config
 
@@ -116,20 +115,6 @@ def _leaves(values: dict[str, Any], path: str = "") -> dict[str, Any]:
         )
         leaves |= inner
     return leaves
-
-
-@pytest.mark.parametrize("name", PAPER_METHODS)
-def test_a_methods_file_holds_only_differences(name: str) -> None:
-    written = _leaves(tomllib.loads((DEFAULTS / f"{name}.toml").read_text()))
-    usual = _leaves(dataclasses.asdict(TrainConfig()))
-    assert not [path for path, value in written.items() if usual[path] == value]
-
-
-@pytest.mark.parametrize("file", sorted(PRESET_FOLDER.glob("*.toml")), ids=lambda p: p.stem)
-def test_a_preset_holds_only_differences(file: Path) -> None:
-    usual = [_leaves(dataclasses.asdict(default_config(name))) for name in PAPER_METHODS]
-    for path, value in _leaves(tomllib.loads(file.read_text())).items():
-        assert any(config[path] != value for config in usual), path
 
 
 def test_presets_and_files_are_the_same() -> None:

@@ -7,9 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from helpers.rooms import HEIGHT, HELD_OUT, PAPER, TRAIN, WIDTH, Rooms, batches_of, rooms
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from helpers.rooms import HELD_OUT, PAPER, TRAIN, batches_of, rooms
 
 from depthcli.errors import DatasetError
 from depthcli.lab.training.augment import Views, augment
@@ -17,43 +15,20 @@ from depthcli.lab.training.config import PromptConfig
 from depthcli.lab.training.data import (
     Batches,
     PairStore,
-    TrainingBatch,
     _stored_size,
     downsample,
     drawn_prompt,
     drawn_prompts,
     whole_images,
 )
-from depthcli.lab.training.losses import gradient_loss
 from depthcli.lab.training.provenance import train_val_split
 
-CPU = torch.device("cpu")
 DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2, brightness=0.2, noise=0.02)
 
 
 def _batches(size: int = 2, seed: int = 0, **changes: object) -> Batches:
     data = replace(DATA, **changes)
     return batches_of(PairStore(rooms(), TRAIN, data), data, size, seed)
-
-
-def test_depends_on_seed_and_step_alone() -> None:
-    torch.manual_seed(1)
-    one, other = _batches(), _batches()
-    for step in (5, 0, 17, 5):
-        torch.manual_seed(step)
-        first = one[step]
-        torch.rand(3)
-        for a, b in zip(first[:2], other[step][:2], strict=True):
-            assert torch.equal(a, b)
-    assert not torch.equal(one[0].network_input, one[1].network_input)
-    assert not torch.equal(one[0].network_input, one[one.steps_per_epoch].network_input)
-    assert not torch.equal(one[0].network_input, _batches(seed=1)[0].network_input)
-
-
-def test_neither_reads_nor_moves_the_global_generator() -> None:
-    batches, before = _batches(), torch.get_rng_state()
-    batches[3]
-    assert torch.equal(torch.get_rng_state(), before)
 
 
 def test_an_epoch_shows_every_pair_once_in_an_order_of_its_own() -> None:
@@ -88,52 +63,6 @@ def test_unpaired_depth_is_of_other_scenes() -> None:
         for a, b in zip(unpaired[0].depth_m, paired[0].depth_m, strict=True)
     ]
     assert not all(in_place)
-
-
-def _ramps(count: int) -> Rooms:
-    """Images that get brighter to the right, as their depth grows from 2 to 4 m."""
-    share = np.broadcast_to(np.linspace(0, 1, WIDTH, dtype=np.float32), (count, HEIGHT, WIDTH))
-    images = np.repeat((255 * share).astype(np.uint8)[..., None], 3, axis=3)
-    return Rooms(images, 2 + 2 * share, tuple(f"den_{i}" for i in range(count)))
-
-
-def _seen(paired: bool, steps: int = 4, size: int = 60, **changes: float) -> TrainingBatch:
-    """Some batches of ramps in one."""
-    plain = {"zoom": 1.0, "gamma": 0.0, "brightness": 0.0, "noise": 0.0, "rotate_deg": 0.0}
-    data = replace(DATA, paired=paired, **(plain | changes))
-    batches = batches_of(PairStore(_ramps(size), range(size), data), data, size)
-    seen = [batches[step] for step in range(steps)]
-    return TrainingBatch(*(torch.cat(maps) for maps in zip(*(b[:2] for b in seen), strict=True)))
-
-
-@pytest.mark.parametrize("paired", [True, False])
-def test_flips_are_the_same_for_a_pair_and_drawn_apart_for_two_lists(paired: bool) -> None:
-    seen = _seen(paired)
-    mirrored = [maps[..., 0].mean((1, 2)) > maps[..., -1].mean((1, 2)) for maps in seen[:2]]
-    for flips in mirrored:
-        assert 0.4 < float(flips.float().mean()) < 0.6
-    together = float((mirrored[0] == mirrored[1]).float().mean())
-    assert together == 1 if paired else 0.4 < together < 0.6
-
-
-@pytest.mark.parametrize("paired", [True, False])
-def test_zooms_are_the_same_for_a_pair_and_drawn_apart_for_two_lists(paired: bool) -> None:
-    """How steep a ramp is tells its zoom: of depth, 2 m over the whole, divided by the square."""
-    seen = _seen(paired, zoom=2.0)
-    gray, depth_m = ((maps[..., 16, 24] - maps[..., 16, 8]).abs()[:, 0] for maps in seen[:2])
-    of_gray, of_depth = 1 / gray, (1 / depth_m).sqrt()
-    assert 1.8 < float(of_gray.max()) < 2.1
-    assert 1.8 < float(of_depth.max()) < 2.1
-    correlation = float(torch.corrcoef(torch.stack([of_gray, of_depth]))[0, 1])
-    assert correlation > 0.99 if paired else abs(correlation) < 0.25
-
-
-def test_store_keeps_depth_to_five_millimetres() -> None:
-    dataset = rooms()
-    flat_m = replace(dataset, depths_m=dataset.depths_m * 0 + 9.987)
-    store = PairStore(flat_m, TRAIN, DATA)
-    assert store.rgb.shape == (5, 3, 64, 64)
-    assert float((store.depth_m.float() - 9.987).abs().max()) < 0.005
 
 
 def test_whole_images_are_not_augmented() -> None:
@@ -233,17 +162,6 @@ def test_without_a_measurement_there_is_nothing() -> None:
         PairStore(empty, TRAIN, HOLED_DATA)
 
 
-@settings(max_examples=25, deadline=None)
-@given(seed=st.integers(0, 999), share=st.floats(0.05, 0.9), factor=st.sampled_from([1, 2, 3]))
-def test_no_value_is_outside_of_what_was_measured(seed: int, share: float, factor: int) -> None:
-    depth_m = _holed(share, seed=seed).depths_m[0]
-    shrunk = downsample(depth_m, (64 // factor, 48 // factor))
-    if shrunk is not None:
-        measured_m = depth_m[depth_m > 0]
-        assert shrunk[0].min() >= measured_m.min() - 1e-5
-        assert shrunk[0].max() <= measured_m.max() + 1e-5
-
-
 def test_batches_never_show_zero_and_say_what_is_known() -> None:
     store = PairStore(_holed(), TRAIN, HOLED_DATA)
     assert store.valid_mask is not None
@@ -274,42 +192,6 @@ def test_known_pixels_have_the_depth_of_the_image_without_holes() -> None:
     wrong = (holed.depth_m - seen.depth_m).abs() > 0.5
     assert not (wrong & holed.valid_mask).any()
     assert wrong.any()
-
-
-def _pair(height: int, width: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    random = torch.Generator().manual_seed(4)
-    prediction, truth, chance = torch.rand(3, 2, 1, height, width, generator=random)
-    return prediction, truth, chance > 0.1
-
-
-def _difference(error: Any, valid_mask: Any, step: tuple[int, int]) -> float:
-    """Mean difference of neighbours, both valid, by plain loops."""
-    found = []
-    images, _, rows, columns = valid_mask.shape
-    for b in range(images):
-        for y in range(rows - step[0]):
-            for x in range(columns - step[1]):
-                there = (b, 0, y + step[0], x + step[1])
-                if valid_mask[b, 0, y, x] and valid_mask[there]:
-                    found.append(abs(float(error[there]) - float(error[b, 0, y, x])))
-    return float(np.mean(found)) if found else 0.0
-
-
-@pytest.mark.parametrize(("size", "is_whole"), [((16, 24), False), ((17, 22), True)])
-def test_gradient_loss_is_of_differences_between_known_pixels(
-    size: tuple[int, int], is_whole: bool
-) -> None:
-    prediction, truth, valid_mask = _pair(*size)
-    valid_mask |= is_whole
-    error, mask, terms = (prediction - truth).numpy(), valid_mask.numpy(), []
-    for _ in range(4):
-        terms.append(_difference(error, mask, (0, 1)) + _difference(error, mask, (1, 0)))
-        rows, columns = error.shape[2] // 2, error.shape[3] // 2
-        error, mask = (m[:, :, : 2 * rows, : 2 * columns] for m in (error, mask))
-        blocks = (len(error), 1, rows, 2, columns, 2)
-        error, mask = error.reshape(blocks).mean((3, 5)), mask.reshape(blocks).all((3, 5))
-    found = gradient_loss(prediction, truth, None if is_whole else valid_mask)
-    assert float(found) == pytest.approx(float(np.mean(terms)), rel=1e-5)
 
 
 COUNT, ROWS, COLUMNS = 24, 96, 128

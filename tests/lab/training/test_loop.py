@@ -203,29 +203,6 @@ def test_the_run_says_what_it_learned_from(tmp_path: Path) -> None:
         assert (saved.pseudo_labels, saved.init_weights) == ("", "")
 
 
-def test_limits_stop_after_a_step_and_save(tmp_path: Path) -> None:
-    folder = tmp_path / "of" / "steps"
-    assert _train(EFFICIENT, folder, max_steps=3).step == 3
-    progress = Checkpoint.load(folder / CHECKPOINT).state
-    assert (progress.step, progress.epoch) == (3, 1)
-    first = _train(EFFICIENT, tmp_path / "minutes", max_minutes=0)
-    second = _train(EFFICIENT, tmp_path / "minutes", max_minutes=0)
-    assert (first.step, second.step) == (1, 2)
-    assert 0 < first.seconds < second.seconds < 600
-    assert Checkpoint.load(tmp_path / "minutes" / CHECKPOINT).state == second
-
-
-def test_training_lowers_the_loss(tmp_path: Path) -> None:
-    optim = replace(EFFICIENT.optim, epochs_decay=20, learning_rate=1e-2)
-    data = replace(EFFICIENT.data, zoom=1.0, noise=0.0, gamma=0.0, rotate_deg=0.0)
-    notes = Notes()
-    _train(replace(EFFICIENT, optim=optim, data=data, validate_every=20), tmp_path, notes)
-    first, last = (
-        sum(sum(t.values()) for t in part) for part in (notes.losses[:6], notes.losses[-6:])
-    )
-    assert last < 0.6 * first
-
-
 def test_rate_follows_the_schedule() -> None:
     run = Run(PAPER, _fabric(), steps_per_epoch=5)
     batch = _batch()

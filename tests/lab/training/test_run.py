@@ -38,43 +38,6 @@ PLAIN = {"loss": {"contrast_x": 0.0, "contrast_y": 0.0}, "optim": {"pool_size": 
 """Nothing is drawn by chance."""
 
 
-def _gradients(config: TrainConfig, batch: TrainingBatch) -> dict[str, torch.Tensor]:
-    """Of every phase's losses, as a run computes them."""
-    run, gradients = Run(config, Fabric(accelerator="cpu", devices=1), 5), {}
-    for phase, optimizer in run.optimizers.items():
-        optimizer.zero_grad()
-        terms = run.module(batch, phase)
-        run.fabric.backward(torch.stack(list(terms.values())).sum())
-        named = run.method.named_parameters()
-        gradients |= {n: w.grad.clone() for n, w in named if w.grad is not None}
-    return gradients
-
-
-@pytest.mark.parametrize("antialias", [False, True])
-def test_gradients_of_one_image_are_those_of_the_same_image_twice(antialias: bool) -> None:
-    """Instance norm has gone wrong for one image alone in channels-last memory."""
-    generator: dict[str, Any] = {"antialias": antialias}
-    config = updated(PAPER, {**PLAIN, "generator": generator})
-    random = torch.Generator().manual_seed(0)
-    gray = torch.rand(1, 1, 32, 32, generator=random) * 2 - 1
-    depth_m = torch.rand(1, 1, 32, 32, generator=random) * 5 + 1
-    once = _gradients(config, TrainingBatch(gray, depth_m))
-    twice = _gradients(
-        config, TrainingBatch(gray.expand(2, -1, -1, -1), depth_m.expand(2, -1, -1, -1))
-    )
-    assert once.keys() == twice.keys()
-    kernels = [name for name in once if once[name].ndim > 1]
-    assert {name.partition(".")[0] for name in kernels} == {
-        "generator",
-        "backward_generator",
-        "depth_discriminator",
-        "gray_discriminator",
-    }
-    for name in kernels:  # a bias before a norm has no gradient but rounding
-        off = (once[name] - twice[name]).norm() / twice[name].norm()
-        assert float(off) < 1e-2, name
-
-
 @pytest.mark.parametrize("config", [EFFICIENT, PAPER], ids=["efficient", "resnet"])
 def test_networks_are_channels_last(config: TrainConfig) -> None:
     run = Run(config, Fabric(accelerator="cpu", devices=1), 5)
@@ -116,38 +79,21 @@ def test_a_scale_that_overflows_skips_the_step_and_is_halved() -> None:
         assert torch.equal(was, weight)
 
 
-def test_each_step_moves_the_average() -> None:
-    config = updated(PAPER, {**PLAIN, "optim": {"pool_size": 0, "ema": 0.9}})
-    run = Run(config, Fabric(accelerator="cpu", devices=1), 5)
-    random = torch.Generator().manual_seed(0)
-    gray = torch.rand(1, 1, 32, 32, generator=random) * 2 - 1
-    depth_m = torch.rand(1, 1, 32, 32, generator=random) * 5 + 1
-    before = {n: w.clone() for n, w in run.average.network.state_dict().items()}
-    run.step(TrainingBatch(gray, depth_m))
-    now = run.method.generator.state_dict()
-    for name, average in run.ema_generator.state_dict().items():
-        if average.is_floating_point():
-            torch.testing.assert_close(average, torch.lerp(before[name], now[name], 1 - 1 / 10))
-    assert any(not torch.equal(before[name], now[name]) for name in now)
+COSINE = [min(1, (i + 1) / 4) * (1 + math.cos(math.pi * i / 20)) / 2 for i in range(20)]
 
 
-def test_linear_is_constant_within_an_epoch() -> None:
-    optim = OptimConfig(epochs_constant=1, epochs_decay=3)
-    found = [optim.lr_factor(step, steps_per_epoch=2) for step in range(8)]
-    assert found == pytest.approx([1, 1, 0.75, 0.75, 0.5, 0.5, 0.25, 0.25])
-
-
-def test_cosine_with_warm_up() -> None:
-    optim = OptimConfig(epochs_constant=0, epochs_decay=5, schedule="cosine", warmup_steps=4)
-    for step in range(20):
-        wanted = min(1, (step + 1) / 4) * (1 + math.cos(math.pi * step / 20)) / 2
-        assert optim.lr_factor(step, steps_per_epoch=4) == pytest.approx(wanted)
-
-
-def test_linear_with_warm_up() -> None:
-    optim = OptimConfig(epochs_constant=1, epochs_decay=1, warmup_steps=4)
-    found = [optim.lr_factor(step, steps_per_epoch=3) for step in range(6)]
-    assert found == pytest.approx([1 / 4, 2 / 4, 3 / 4, 1 / 2, 1 / 2, 1 / 2])
+@pytest.mark.parametrize(
+    ("epochs", "more", "rates"),
+    [
+        ((1, 3), {}, [1, 1, 0.75, 0.75, 0.5, 0.5, 0.25, 0.25]),
+        ((1, 1), {"warmup_steps": 4}, [1 / 4, 2 / 4, 3 / 4, 1 / 2, 1 / 2, 1 / 2]),
+        ((0, 5), {"warmup_steps": 4, "schedule": "cosine"}, COSINE),
+    ],
+)
+def test_rates(epochs: tuple[int, int], more: dict[str, Any], rates: list[float]) -> None:
+    optim = OptimConfig(epochs_constant=epochs[0], epochs_decay=epochs[1], **more)
+    count = len(rates) // sum(epochs)
+    assert [optim.lr_factor(i, count) for i in range(len(rates))] == pytest.approx(rates)
 
 
 def test_follows_the_decay_and_forgets_the_first_weights_soon() -> None:

@@ -10,7 +10,7 @@ from helpers.rooms import Rooms, batches_of
 from helpers.seeded import seeded
 from torch import Tensor
 
-from depthcli.lab.training.augment import Geometry, augment, draw_views, view_size
+from depthcli.lab.training.augment import augment, draw_views, view_size
 from depthcli.lab.training.config import DataConfig
 from depthcli.lab.training.data import PairStore
 
@@ -18,25 +18,6 @@ DATA = DataConfig(width=64, height=48, zoom=1.6, turn=1.0)
 HALF_X = math.tan(math.radians(63.3 / 2))
 HALF_Y = HALF_X * 48 / 64
 NYU = (HALF_X, HALF_Y)
-
-
-def _point(
-    geometry: Geometry, i: int, row: int, column: int, halves: tuple[float, float]
-) -> tuple[float, float, float]:
-    """Where a wall at z = 1 is hit, and the depth that the view gives it."""
-    x, y = geometry.grid[i, row, column].tolist()
-    scale = geometry.depth_scale.expand(-1, 1, *geometry.grid.shape[1:3])
-    return x * halves[0], y * halves[1], float(scale[i, 0, row, column])
-
-
-def _view_ray(
-    row: int, column: int, size: tuple[int, int], zoom: float, halves: tuple[float, float]
-) -> tuple[float, float]:
-    """Direction of a view's pixel, z = 1, for the network's focal length times the zoom."""
-    across, down = halves[0] * size[0] / 64, halves[1] * size[1] / 48
-    x = ((column * 2 + 1) / size[0] - 1) * across / zoom
-    y = ((row * 2 + 1) / size[1] - 1) * down / zoom
-    return x, y
 
 
 @pytest.mark.parametrize("rotate_deg", [0, 8])
@@ -50,25 +31,29 @@ def test_a_turned_view_is_what_a_turned_camera_sees(
     ``halves`` is half the width and height of the image at depth 1.
     """
     fov = None if halves == NYU else torch.tensor([halves], dtype=torch.float64).expand(12, 2)
-    geometry = draw_views(12, size, replace(DATA, rotate_deg=rotate_deg), seeded(1), fov)
-    wide, high = size
-    for i in range(12):
-        corners = [(0, 0), (0, wide - 1), (high - 1, 0), (high // 2, wide // 3)]
-        points = [_point(geometry, i, *corner, halves) for corner in corners]
-        # The zoom divides depth on top of the geometry; it is found from one pair of rays.
-        rays = [(x / n, y / n, 1 / n) for x, y, _ in points for n in [math.hypot(x, y, 1)]]
-        apart = sum(a * b for a, b in zip(rays[0], rays[3], strict=True))
-        zoom = _zoom_for(apart, corners[0], corners[3], size, halves)
-        for k in range(3):
-            for m in range(k):
-                wanted = _cosine(corners[k], corners[m], size, zoom, halves)
-                found = sum(a * b for a, b in zip(rays[k], rays[m], strict=True))
-                assert found == pytest.approx(wanted, abs=2e-5)
-            x, y, scale = points[k]
-            view_x, view_y = _view_ray(*corners[k], size, zoom, halves)
-            # The same length along the ray: |(x, y, 1)| = depth · zoom · |(view_x, view_y, 1)|.
-            length = scale * zoom * math.hypot(view_x, view_y, 1)
-            assert length == pytest.approx(math.hypot(x, y, 1), rel=1e-4)
+    data = replace(DATA, rotate_deg=rotate_deg)
+    turned = draw_views(12, size, data, seeded(1), fov)
+    plain = draw_views(12, size, replace(data, turn=0.0), seeded(1), fov)
+    # Of the image, and of the view, whose focal length is the network's times the zoom.
+    true = turned.grid * torch.tensor(halves)
+    own = _places(size) * torch.tensor(halves) * torch.tensor([size[0] / 64, size[1] / 48])
+    lengths, directions = [], []
+    for places in (true, own * plain.depth_scale):
+        corners = places[:, [0, 0, -1, size[1] // 2], [0, -1, 0, size[0] // 3]]
+        rays = torch.cat([corners, torch.ones(12, 4, 1)], 2)
+        lengths.append(rays.norm(dim=2))
+        directions.append(rays / lengths[-1][..., None])
+    cosines = [one @ one.transpose(1, 2) for one in directions]
+    torch.testing.assert_close(*cosines, atol=2e-5, rtol=0)
+    scale = (turned.depth_scale / plain.depth_scale).expand(-1, 1, *turned.grid.shape[1:3])
+    scale = scale[:, 0, [0, 0, -1, size[1] // 2], [0, -1, 0, size[0] // 3]]
+    torch.testing.assert_close(lengths[0], scale * lengths[1], rtol=1e-4, atol=0)
+
+
+def _places(size: tuple[int, int]) -> Tensor:
+    """(x, y) of each pixel of a view, (H, W, 2) in [-1, 1] from edge to edge."""
+    x, y = ((torch.arange(side) * 2 + 1) / side - 1 for side in size)
+    return torch.stack(torch.meshgrid(x, y, indexing="xy"), -1)
 
 
 @pytest.mark.parametrize("aspect", [1 / 2, 9 / 16, 3 / 4, 1, 4 / 3, 16 / 9, 21 / 9])
@@ -86,34 +71,6 @@ def test_rotated_views_of_any_aspect_stay_inside_and_use_their_margin(
     largest_deg = math.degrees(float(rise.abs().max()))
     square = max(halves[0] / halves[1], halves[1] / halves[0])
     assert largest_deg == pytest.approx(min(11.4, math.degrees(0.2 / square)), rel=0.05)
-
-
-def _cosine(
-    a: tuple[int, int],
-    b: tuple[int, int],
-    size: tuple[int, int],
-    zoom: float,
-    halves: tuple[float, float],
-) -> float:
-    first, second = ((*_view_ray(*pixel, size, zoom, halves), 1) for pixel in (a, b))
-    dot = sum(p * q for p, q in zip(first, second, strict=True))
-    return dot / (math.hypot(*first) * math.hypot(*second))
-
-
-def _zoom_for(
-    cosine: float,
-    a: tuple[int, int],
-    b: tuple[int, int],
-    size: tuple[int, int],
-    halves: tuple[float, float],
-) -> float:
-    low, high = 0.5, 5.0
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (
-            (middle, high) if _cosine(a, b, size, middle, halves) < cosine else (low, middle)
-        )
-    return low
 
 
 def test_without_turning_a_view_is_a_plain_cut() -> None:
@@ -187,17 +144,6 @@ def test_beyond_its_edge_an_image_goes_on_as_it_ends(border: float) -> None:
     torch.testing.assert_close(seen.depth_m, 2 * scale)
 
 
-def test_blur_smooths_and_keeps_the_mean() -> None:
-    rgb = torch.rand(20, 1, 96, 128, generator=seeded(7)).expand(-1, 3, -1, -1)
-    plain = replace(DATA, zoom=1.0, turn=0.0)
-    sharp = augment(rgb, torch.ones(20, 1, 96, 128), plain, seeded(8)).network_input
-    soft = augment(
-        rgb, torch.ones(20, 1, 96, 128), replace(plain, blur=1.0), seeded(8)
-    ).network_input
-    assert float(soft.std()) < 0.9 * float(sharp.std())
-    torch.testing.assert_close(soft.mean(), sharp.mean(), atol=2e-3, rtol=0)
-
-
 COUNT = 8
 NYU_HALF_WIDTH = math.tan(math.radians(63.3 / 2))
 WIDE_DATA = DataConfig(width=64, height=48, zoom=1.6, turn=1.0, rotate_deg=8)
@@ -212,9 +158,7 @@ def _black(*shape: int) -> Rooms:
 
 def _ramps(like: Tensor) -> list[Tensor]:
     """Depth (N, 1, h, w) of 1 m, of 2 m + x, and of 2 m + y; (x, y) in [-1, 1] as of grids."""
-    height, width = like.shape[2:]
-    across = 2 + (torch.arange(width) * 2 + 1) / width - 1
-    down = 2 + (torch.arange(height)[:, None] * 2 + 1) / height - 1
+    across, down = (2 + _places(like.shape[:1:-1])).unbind(-1)
     return [torch.ones(like.shape), across.expand(like.shape), down.expand(like.shape)]
 
 

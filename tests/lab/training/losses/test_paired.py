@@ -1,6 +1,5 @@
 """Losses of pairs, adversarial and contrastive."""
 
-import math
 from collections.abc import Callable
 from functools import partial
 
@@ -18,7 +17,6 @@ from depthcli.lab.training.losses import (
     patch_nce,
     regularized_l1,
     semantic_relation,
-    similarity,
 )
 
 
@@ -106,22 +104,14 @@ TAU = 0.07
 LOSSES = (patch_nce, cfl_nce, partial(hdce, gamma=10.0), semantic_relation)
 
 
-def _weights(k: np.ndarray, i: int, gamma: float) -> dict[int, float]:
-    raw = {j: math.exp(k[i] @ k[j] / gamma) for j in range(len(k)) if j != i}
-    total = sum(raw.values())
-    share = {j: value / total for j, value in raw.items()}
-    return {j: value / max(share.values()) for j, value in share.items()}
-
-
 def _looped_hdce(query: Tensor, key: Tensor, gamma: float) -> float:
     terms = []
     for q, k in zip(query.double().numpy(), key.double().numpy(), strict=True):
-        for i in range(len(q)):
-            own = q[i] @ k[i]
-            weights = _weights(k, i, gamma)
-            terms.append(
-                math.log(sum(math.exp((w * (q[i] @ k[j]) - own) / TAU) for j, w in weights.items()))
-            )
+        for i, own in enumerate(q):
+            others = np.delete(k, i, 0)
+            weights = np.exp(others @ k[i] / gamma)
+            weights /= weights.max()
+            terms.append(np.log(np.exp((weights * (others @ own) - own @ k[i]) / TAU).sum()))
     return float(np.mean(terms))
 
 
@@ -139,11 +129,11 @@ Loss = Callable[[Tensor, Tensor], Tensor]
 def _looped_patch_nce(query: Tensor, key: Tensor, *, fakes: bool) -> float:
     terms = []
     for q, k in zip(query.double().numpy(), key.double().numpy(), strict=True):
-        for i in range(len(q)):
-            others = [j for j in range(len(q)) if j != i]
-            logits = [q[i] @ k[i] / TAU] + [q[i] @ k[j] / TAU for j in others]
-            logits += [q[i] @ q[j] / TAU for j in others if fakes]
-            terms.append(-math.log(math.exp(logits[0]) / sum(math.exp(v) for v in logits)))
+        for i, own in enumerate(q):
+            keys = [k, np.delete(q, i, 0)] if fakes else [k]
+            terms.append(
+                -np.log(np.exp(own @ k[i] / TAU) / np.exp(np.vstack(keys) @ own / TAU).sum())
+            )
     return float(np.mean(terms))
 
 
@@ -186,20 +176,13 @@ def test_losses_stay_in_full_precision_under_autocast(loss: Loss) -> None:
     assert mixed.item() == loss(query, key).item()
 
 
-def _relation(vectors: np.ndarray, i: int) -> list[float]:
-    raw = [math.exp(vectors[i] @ other) for other in vectors]
-    return [value / sum(raw) for value in raw]
-
-
 def _looped_relation(query: Tensor, key: Tensor) -> float:
     images = []
-    for q, k in zip(query.double().numpy(), key.double().numpy(), strict=True):
-        total = 0.0
-        for i in range(len(q)):
-            for a, b in zip(_relation(q, i), _relation(k, i), strict=True):
-                middle = (a + b) / 2
-                total += 0.5 * (a * math.log(a / middle) + b * math.log(b / middle))
-        images.append(total)
+    for vectors in zip(query.double().numpy(), key.double().numpy(), strict=True):
+        raw = [np.exp(v @ v.T) for v in vectors]
+        a, b = (values / values.sum(1, keepdims=True) for values in raw)
+        middle = (a + b) / 2
+        images.append((a * np.log(a / middle) + b * np.log(b / middle)).sum() / 2)
     return float(np.mean(images))
 
 
@@ -208,13 +191,3 @@ def test_relation_is_its_formula() -> None:
     assert semantic_relation(query, key).item() == pytest.approx(
         _looped_relation(query, key), rel=1e-4
     )
-
-
-def test_similarity_is_its_formula() -> None:
-    real_x, fake_x, real_y, fake_y = (unit_vectors(i)[:, 0] for i in range(4))
-    wanted = 0.0
-    for real, fake in ((real_x, fake_x), (real_y, fake_y)):
-        pairs = list(zip(real.flatten().tolist(), fake.flatten().tolist(), strict=True))
-        wanted += sum(abs(r - f) for r, f in pairs) / len(pairs)
-    found = similarity(real_x=real_x, fake_x=fake_x, real_y=real_y, fake_y=fake_y)
-    assert found.item() == pytest.approx(wanted, rel=1e-5)

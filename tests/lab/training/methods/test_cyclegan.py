@@ -72,13 +72,6 @@ def _image(value: float) -> Tensor:
     return torch.full((1, 1, 2, 2), float(value))
 
 
-def test_fills_first_and_hands_the_same_through() -> None:
-    pool = ImagePool(3)
-    for value in range(3):
-        assert torch.equal(pool.exchange(_image(value)), _image(value))
-    assert [float(image.mean()) for image in pool.images] == [0, 1, 2]
-
-
 def test_half_of_the_time_swaps_for_a_stored_one() -> None:
     torch.manual_seed(0)
     pool, swapped, seen = ImagePool(4), 0, set(range(4))
