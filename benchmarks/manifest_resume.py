@@ -48,7 +48,7 @@ def write(out: Path, rows: int) -> None:
     """The manifest."""
     with (out / "manifest.jsonl").open("wb") as file:
         file.writelines(row(number).as_line() for number in range(rows))
-    print(f"  bytes of a row: {(out / "manifest.jsonl").stat().st_size / rows:.0f}")
+        print(f"  bytes of a row: {file.tell() / rows:.0f}")
 
 
 def write_list(path: Path, rows: int) -> None:
