@@ -15,9 +15,8 @@ from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
 from depthcli.core.types import Frame, Provenance
 from depthcli.errors import InputError
 from depthcli.inference.camera import focal_warnings, intrinsics_of, with_own_view
-from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.pipeline import Pipeline, try_session
 from depthcli.inference.transforms import input_layout
-from depthcli.inference.trial import try_session
 from depthcli.io.formats.geometry import PlyWriter
 from depthcli.models.card import ModelCard
 

@@ -12,8 +12,7 @@ import pytest
 from helpers.tiny import card_with, tiny_onnx, write_model
 
 from depthcli.errors import ModelError, UsageError
-from depthcli.inference.providers import available_providers
-from depthcli.inference.session import Session
+from depthcli.inference.session import Session, available_providers
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
 
