@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import PurePath
-from typing import Self
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.formats.table import FORMATS, Format, stem_of
+from depthcli.io.formats.table import FORMATS, Format, TableOfFormats, stem_of
 
 FRAME_NUMBER = "%06d"  #: placeholder of the frame's number in the name of a sequence
 
@@ -37,53 +36,36 @@ class VideoFormatFacts:
         return self.image is not None and not self.is_sequence
 
 
+_OF_DEPTH = "png_scale", "lock", "vmin", "vmax"
 _OF_PREVIEWS = "lock", "codec", "audio"
 
 
-def _preview(file_suffix: str) -> VideoFormatFacts:
-    options = (*FORMATS[Format.PREVIEW].options, *_OF_PREVIEWS)
-    return VideoFormatFacts(f".preview{file_suffix}", file_suffix, Format.PREVIEW, options)
+def _preview(suffix: str, file_suffix: str | None, image: Format) -> VideoFormatFacts:
+    return VideoFormatFacts(suffix, file_suffix, image, (*FORMATS[image].options, *_OF_PREVIEWS))
 
 
-def _frames(image: Format, name: str = "depth") -> VideoFormatFacts:
-    facts = FORMATS[image]
-    suffix = f".{name}.{FRAME_NUMBER}{PurePath(facts.suffix).suffix}"
-    return VideoFormatFacts(suffix, None, image, facts.options)
+def _frames(image: Format) -> VideoFormatFacts:
+    suffix = PurePath(FORMATS[image].suffix)
+    numbered = f"{suffix.stem}.{FRAME_NUMBER}{suffix.suffix}"
+    return VideoFormatFacts(numbered, None, image, FORMATS[image].options)
 
 
-class VideoFormat(StrEnum):
-    """Output formats of a video's depth; the values of ``--format``.
-
-    A member is its name and its :class:`VideoFormatFacts`.
-    """
+class VideoFormat(TableOfFormats):
+    """Output formats of a video's depth; the values of ``--format``."""
 
     facts: VideoFormatFacts
 
-    def __new__(cls, word: str, *facts: VideoFormatFacts) -> Self:  # noqa: D102 - as Format
-        member = str.__new__(cls, word)
-        member._value_ = word
-        (member.facts,) = facts
-        return member
-
     # Lossless 16-bit video.
-    MKV = (
-        "mkv",
-        VideoFormatFacts(".depth.mkv", ".mkv", None, ("png_scale", "lock", "vmin", "vmax")),
-    )
-    MP4 = "mp4", _preview(".mp4")
-    WEBM = "webm", _preview(".webm")
-    MOV = "mov", _preview(".mov")
-    STEREO = (
-        "stereo",
-        VideoFormatFacts(
-            *(".stereo.mp4", None, Format.STEREO), (*Format.STEREO.facts.options, *_OF_PREVIEWS)
-        ),
-    )
+    MKV = "mkv", VideoFormatFacts(".depth.mkv", ".mkv", None, _OF_DEPTH)
+    MP4 = "mp4", _preview(".preview.mp4", ".mp4", Format.PREVIEW)
+    WEBM = "webm", _preview(".preview.webm", ".webm", Format.PREVIEW)
+    MOV = "mov", _preview(".preview.mov", ".mov", Format.PREVIEW)
+    STEREO = "stereo", _preview(".stereo.mp4", None, Format.STEREO)
     PNG16 = "png16", _frames(Format.PNG16)
     EXR = "exr", _frames(Format.EXR)
     NPY = "npy", _frames(Format.NPY)
-    NORMALS = "normals", _frames(Format.NORMALS, "normals")
-    NORMALS_EXR = "normals-exr", _frames(Format.NORMALS_EXR, "normals")
+    NORMALS = "normals", _frames(Format.NORMALS)
+    NORMALS_EXR = "normals-exr", _frames(Format.NORMALS_EXR)
     # What the numbers of the others mean.
     JSON = "json", VideoFormatFacts(".depth.json", ".json", None, Format.JSON.facts.options)
     # Every other format of images that is read back is that of a sequence as well.

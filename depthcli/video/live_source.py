@@ -159,18 +159,15 @@ class LiveReader:
                 if self.counts.received == before > 0:
                     self.counts.reconnections += 1
                     self._stream.say(f"{self._stream} is back")
-                self._put(frame)
+                with self._news:
+                    self.counts.dropped += self._newest is not None
+                    self._newest = LiveFrame(frame, self.counts.received, time.monotonic())
+                    self.counts.received += 1
+                    self._news.notify()
             if self._stream.pipe is not None:
                 self._stream.pipe.check()
                 return True
             return container.duration is not None and not decoder.ended_early
-
-    def _put(self, frame: VideoFrame) -> None:
-        with self._news:
-            self.counts.dropped += self._newest is not None
-            self._newest = LiveFrame(frame, self.counts.received, time.monotonic())
-            self.counts.received += 1
-            self._news.notify()
 
 
 class StreamClock:
