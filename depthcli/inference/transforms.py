@@ -23,7 +23,6 @@ from depthcli.models.card import (
     ModelCard,
     OutputSpec,
     Resize,
-    Side,
 )
 
 _PLANES = {
@@ -325,7 +324,7 @@ def without_depth(spec: MaskSpec, mask: Float32Array, layout: Layout, frame: Fra
 
 def lacks_depth(spec: MaskSpec, mask: Float32Array) -> BoolArray:
     """Pixels without depth of a mask of any size."""
-    return mask <= spec.threshold if spec.depth_is is Side.ABOVE else mask >= spec.threshold
+    return mask <= spec.threshold if spec.depth_is == "above" else mask >= spec.threshold
 
 
 def blends_in_log(spec: OutputSpec) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 from depthcli.core.camera import HFOV_DEG, focal_px_of_hfov
 from depthcli.core.options import Rule, short_repr
@@ -151,20 +151,13 @@ PROMPT_INPUTS = "prompt", "mask"
 """Names of the inputs for known depth and for its mask, 1 where it is known and 0 elsewhere."""
 
 
-class Side(StrEnum):
-    """The side of a threshold."""
-
-    ABOVE = "above"
-    BELOW = "below"
-
-
 @dataclass(frozen=True, slots=True)
 class MaskSpec:
     """A second output of the network, of its map's size: which pixels have a depth."""
 
     output: Text  #: name of the output
     threshold: float  #: between pixels with depth and those without
-    depth_is: Side  #: the side of pixels with depth
+    depth_is: Literal["above", "below"]  #: the side of pixels with depth
 
 
 @dataclass(frozen=True, slots=True)
