@@ -389,9 +389,10 @@ def video_file(
 
     ``codec`` and ``audio`` are for the latter two; None for the usual codec, and for no sound.
     """
-    if format_.facts.image is None:
+    if format_ is VideoFormat.MKV:
         return DepthVideoOutput(target, timing, writing, guard)
-    writer = cast("PreviewWriter | StereoWriter", writer_of(format_.facts.image, writing))
+    image = Format.STEREO if format_ is VideoFormat.STEREO else Format.PREVIEW
+    writer = cast("PreviewWriter | StereoWriter", writer_of(image, writing))
     chosen = preview_codec(format_, codec)
     return PreviewVideoOutput(target, timing, writer, guard, codec=chosen, audio=audio)
 
