@@ -16,7 +16,7 @@ from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import one_line
 from depthcli.core.parallel import usable_cores
 from depthcli.errors import ModelError, ProviderError, UsageError
-from depthcli.models.card import MAX_INPUT_PIXELS, TensorLayout, fit_to_graph
+from depthcli.models.card import MAX_INPUT_PIXELS, fit_to_graph
 from depthcli.models.catalog import Model
 
 __all__ = ["ort"]
@@ -214,7 +214,7 @@ class Session:
             feed |= {name: stacked[:, i : i + 1] for i, name in enumerate(spec.prompt_inputs)}
         if spec.camera_matrix is not None:
             feed[spec.camera_matrix] = np.asarray(cameras, np.float32)
-        if spec.layout is TensorLayout.NHWC:
+        if spec.layout == "nhwc":
             feed[self._input] = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
         feed = {name: values.astype(self._input_type, copy=False) for name, values in feed.items()}
         try:
@@ -343,12 +343,12 @@ def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tupl
         raise ModelError(problem, advice)
     first, spec = inputs[0], model.card.input
     lengths = [length if isinstance(length, int) else None for length in first.shape]
-    is_last = spec.layout is TensorLayout.NHWC
+    is_last = spec.layout == "nhwc"
     channels = lengths.pop(3 if is_last else 1)
     if channels not in {None, spec.colour.channels}:
         raise ModelError(
             f"{model.path} takes {first.shape}, but its card says {spec.colour.channels} channels, "
-            f"{spec.layout.value}; correct input.colour or input.layout in the card"
+            f"{spec.layout}; correct input.colour or input.layout in the card"
         )
     if lengths[0] not in {None, 1}:
         problem = f"{model.path} takes {lengths[0]} images at once"
