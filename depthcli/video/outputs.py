@@ -290,8 +290,7 @@ class DepthVideoOutput(VideoFile):
     ) -> None:
         """Prepare the units per metre of 16-bit files; without metres, the ends of previews."""
         super().__init__(target, timing, guard)
-        self._scale = writing.units_per_metre
-        self._colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
+        self._writing, self._scale = writing, writing.units_per_metre
         self._saturated = self._count = 0
         self._first: DepthFrame | None = None
 
@@ -301,7 +300,7 @@ class DepthVideoOutput(VideoFile):
         if depth.is_metric:
             steps, saturated = quantized(depth.values, self._scale)
         else:
-            low, high = self._colours.range_of(frame.spread)
+            low, high = self._writing.range_of(frame.spread)
             steps, saturated = normalized(depth.values, depth.valid, low, high), 0
         return frame, _av_frame(steps, FFV1), saturated
 
