@@ -46,9 +46,9 @@ def row(number: int) -> ManifestRow:
 
 def write(out: Path, rows: int) -> None:
     """The manifest."""
-    with (out / WHOLE.manifest_name).open("wb") as file:
+    with (out / "manifest.jsonl").open("wb") as file:
         file.writelines(row(number).as_line() for number in range(rows))
-    print(f"  bytes of a row: {(out / WHOLE.manifest_name).stat().st_size / rows:.0f}")
+        print(f"  bytes of a row: {file.tell() / rows:.0f}")
 
 
 def write_list(path: Path, rows: int) -> None:

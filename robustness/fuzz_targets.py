@@ -30,8 +30,8 @@ from pyarrow import parquet
 from depthcli.cli.profiles import read_profiles
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError
+from depthcli.inference.pipeline import try_session
 from depthcli.inference.session import Session
-from depthcli.inference.trial import try_session
 from depthcli.io.calibration import read_calibration
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.file import read_exr_rate, write_exr

@@ -24,7 +24,7 @@ from depthcli.core.types import Frame, displayed_frame
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
-from depthcli.inference.providers import AUTO
+from depthcli.inference.session import AUTO
 from depthcli.io.images.pixels import check_levels
 from depthcli.io.images.read import ImageLike, frame_of
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask

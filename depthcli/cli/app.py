@@ -55,7 +55,7 @@ def _prepare() -> None:
     # NumPy's OpenBLAS starts a thread per core that spins for 60 ms before it sleeps, while the
     # model loads on the same cores, and crashes if memory is too short for their stacks.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # For modules that import onnxruntime themselves; see depthcli/inference/providers.py.
+    # For modules that import onnxruntime themselves; see depthcli/inference/session.py.
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 

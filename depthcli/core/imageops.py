@@ -156,20 +156,13 @@ BAND_PIXELS = 160_000
 
 def filled_nearest(values: Float32Array, valid: BoolArray) -> Float32Array:
     """Values of (H, W), where they are not valid those of the nearest valid pixel."""
-    if valid.all():
-        return values
-    _, labels = cv2.distanceTransformWithLabels(
-        (~valid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    value_of = np.zeros(int(labels.max()) + 1, np.float32)
-    value_of[labels[valid]] = values[valid]
-    return np.where(valid, values, value_of[labels])
+    return values if valid.all() else values.ravel()[nearest_places(valid)]
 
 
 def nearest_places(mask: BoolArray) -> npt.NDArray[np.intp]:
     """Flat index of the nearest pixel, for each, that is true in a mask; (H, W)."""
     _, labels = cv2.distanceTransformWithLabels(
-        (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        (~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
     places = np.zeros(int(labels.max()) + 1, np.intp)
     places[labels[mask]] = np.flatnonzero(mask)

@@ -18,7 +18,7 @@ from depthcli.core.camera import (
 )
 from depthcli.core.types import DepthKind, Frame
 from depthcli.inference.transforms import Layout
-from depthcli.models.card import CameraSpec, FocalAxis, ModelCard
+from depthcli.models.card import CameraSpec, ModelCard
 
 
 def metric_camera(card: ModelCard) -> CameraSpec | None:
@@ -90,9 +90,9 @@ def metric_scale(card: ModelCard, frame: Frame, layout: Layout, camera: Intrinsi
         # One axis is filled. On the other, rounding to whole pixels matters for a narrow strip.
         root = math.sqrt(card.input.pixel_aspect)
         factor = min(across * root, down / root)
-    if learned.along is FocalAxis.WIDTH:
+    if learned.along == "width":
         factor = across * math.sqrt(card.input.pixel_aspect)
-    elif learned.along is FocalAxis.MEAN:
+    elif learned.along == "mean":
         factor = (across + down) / 2
     learned_px = learned.focal_px_at(card.input.width)
     ratio = camera.focal_px * factor / (learned_px * math.sqrt(card.input.pixel_aspect))

@@ -43,8 +43,7 @@ class SessionLoader:
         from depthcli.models.catalog import KNOWN_DEPTH_MODEL, find_model  # noqa: PLC0415 - see above
 
         checking = Background(lambda: find_model(self.model))
-        from depthcli.inference.providers import CPU, wanted_providers  # noqa: PLC0415
-        from depthcli.inference.session import Session  # noqa: PLC0415
+        from depthcli.inference.session import CPU, Session, wanted_providers  # noqa: PLC0415
 
         def session() -> Session:
             model = checking.result()

@@ -1,5 +1,6 @@
 """An onnxruntime session with its provider and threads."""
 
+import os
 import re
 import sys
 import threading
@@ -9,15 +10,75 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import onnxruntime as ort
 
 from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import one_line
 from depthcli.core.parallel import usable_cores
 from depthcli.errors import ModelError, ProviderError, UsageError
-from depthcli.inference import providers
-from depthcli.inference.providers import AUTO, CPU, CUDA, DEFAULT_OPTIONS, DIRECTML, PROVIDERS, ort
-from depthcli.models.card import MAX_INPUT_PIXELS, TensorLayout, fit_to_graph
+from depthcli.models.card import MAX_INPUT_PIXELS, fit_to_graph
 from depthcli.models.catalog import Model
+
+__all__ = ["ort"]
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # it is read by the import, and only there
+
+ort.set_default_logger_severity(3)  # errors: only they tell why a provider does not start
+
+AUTO = "auto"
+CPU = "cpu"
+DIRECTML = "directml"
+OPENVINO = "openvino"
+PROVIDERS = {  #: name on the command line -> name in onnxruntime
+    "cuda": "CUDAExecutionProvider",
+    "tensorrt": "TensorrtExecutionProvider",
+    "rocm": "ROCMExecutionProvider",
+    "migraphx": "MIGraphXExecutionProvider",
+    DIRECTML: "DmlExecutionProvider",
+    "coreml": "CoreMLExecutionProvider",
+    OPENVINO: "OpenVINOExecutionProvider",
+    CPU: "CPUExecutionProvider",
+}
+CUDA = "cuda", "tensorrt"
+#: options of onnxruntime where none are given
+DEFAULT_OPTIONS = {
+    # Its exhaustive search takes .4 s for each new size of images. TF32 changes depth by .1 %.
+    "cuda": {"cudnn_conv_algo_search": "HEURISTIC", "use_tf32": "0"},
+}
+SLOW_TO_START = "tensorrt"  #: builds an engine for minutes, so ``auto`` never selects it
+_PACKAGES = {
+    **dict.fromkeys(CUDA, "onnxruntime-gpu[cuda,cudnn]"),
+    DIRECTML: "onnxruntime-directml",
+    OPENVINO: "onnxruntime-openvino",
+}
+# Usually fastest first.
+_AUTO_ORDER = tuple(name for name in PROVIDERS if name != SLOW_TO_START)
+
+
+def available_providers() -> tuple[str, ...]:
+    """Names of the providers that this onnxruntime was built with, best first."""
+    built = set(ort.get_available_providers())
+    return tuple(name for name, full in PROVIDERS.items() if full in built)
+
+
+def wanted_providers(provider: str) -> tuple[str, ...]:
+    """The providers to try, best first, for ``auto`` or a name of ``PROVIDERS``."""
+    available = available_providers()
+    if provider == AUTO:
+        return tuple(name for name in _AUTO_ORDER if name in available)
+    if provider not in PROVIDERS:
+        names = ", ".join((AUTO, *PROVIDERS))
+        raise UsageError(f"no provider named {provider!r}; give one of {names}")
+    if provider not in available:
+        install = "install the onnxruntime build for it"
+        if provider in _PACKAGES:
+            install = f"run 'pip uninstall onnxruntime' and 'pip install {_PACKAGES[provider]}'"
+        raise ProviderError(
+            f"provider {provider!r} is not in this onnxruntime (it has {', '.join(available)}); "
+            f"{install}, or choose the provider 'auto'"
+        )
+    return (provider,)
+
 
 _NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
 _NAMES = frozenset({"depth", "disparity", "predicted_depth", "metric_depth"})
@@ -98,7 +159,7 @@ class Session:
         provider_options: Mapping[str, str] | None = None,
     ) -> None:
         self.model = model
-        names = providers.wanted_providers(provider)
+        names = wanted_providers(provider)
         options = provider_options or {}
         if options and provider in {AUTO, CPU}:
             advice = "name one such as cuda with {provider}, or remove {provider_options}"
@@ -155,7 +216,7 @@ class Session:
             feed |= {name: stacked[:, i : i + 1] for i, name in enumerate(spec.prompt_inputs)}
         if spec.camera_matrix is not None:
             feed[spec.camera_matrix] = np.asarray(cameras, np.float32)
-        if spec.layout is TensorLayout.NHWC:
+        if spec.layout == "nhwc":
             feed[self._input] = np.ascontiguousarray(batch.transpose(0, 2, 3, 1))
         feed = {name: values.astype(self._input_type, copy=False) for name, values in feed.items()}
         try:
@@ -290,12 +351,12 @@ def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tupl
         raise ModelError(problem, advice)
     first, spec = inputs[0], model.card.input
     lengths = [length if isinstance(length, int) else None for length in first.shape]
-    is_last = spec.layout is TensorLayout.NHWC
+    is_last = spec.layout == "nhwc"
     channels = lengths.pop(3 if is_last else 1)
     if channels not in {None, spec.colour.channels}:
         raise ModelError(
             f"{model.path} takes {first.shape}, but its card says {spec.colour.channels} channels, "
-            f"{spec.layout.value}; correct input.colour or input.layout in the card"
+            f"{spec.layout}; correct input.colour or input.layout in the card"
         )
     if lengths[0] not in {None, 1}:
         problem = f"{model.path} takes {lengths[0]} images at once"

@@ -68,11 +68,9 @@ def refine(
     grid = TileGrid.plan(frame.width, tile_px, overall.shape)
     if not blends_in_log(spec):
         return _blend_tiles(overall, frame, grid, predict)
-
-    def predict_log(tile: Frame) -> Float32Array:
-        return np.log(in_range(spec, predict(tile)))
-
-    return np.exp(_blend_tiles(np.log(in_range(spec, overall)), frame, grid, predict_log))
+    whole = np.log(in_range(spec, overall))
+    blended = _blend_tiles(whole, frame, grid, lambda tile: np.log(in_range(spec, predict(tile))))
+    return np.exp(blended)
 
 
 def _blend_tiles(
@@ -82,7 +80,9 @@ def _blend_tiles(
     whole = resize_bilinear(overall, grid.width, grid.height)
     tile_size, size = overall.shape[::-1], (grid.width, grid.height)
     small = tuple(max(1, round(n * n / m)) for n, m in zip(tile_size, size, strict=True))
-    weights = _blend_weights(*overall.shape)
+    # They increase smoothly from the tile's border to its middle, and are never 0.
+    down, across = (np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2 for n in overall.shape)
+    weights = np.asarray(np.outer(down, across) + 1e-6, np.float32)
     total, weight = np.zeros_like(whole), np.zeros_like(whole)
     for tile in grid.tiles:
         depth = resize_bilinear(predict(_cropped(frame, grid, tile)), *tile_size)
@@ -112,12 +112,6 @@ def _pixels_of(part: slice, size: int, cells: int) -> slice:
     """The pixels of some cells along an axis of the image, at least one."""
     start = min(round(part.start * size / cells), size - 1)
     return slice(start, max(start + 1, round(part.stop * size / cells)))
-
-
-def _blend_weights(height: int, width: int) -> Float32Array:
-    """Weights that increase smoothly from the tile's border to its middle and are never 0."""
-    down, across = (np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2 for n in (height, width))
-    return np.asarray(np.outer(down, across) + 1e-6, np.float32)
 
 
 def _fit_tile(depth: Float32Array, coarse: Float32Array, small: tuple[int, ...]) -> Float32Array:

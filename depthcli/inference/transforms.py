@@ -16,14 +16,12 @@ from depthcli.known.points import KnownDepth, pixels_of
 from depthcli.models.card import (
     MAX_INPUT_PIXELS,
     Colour,
-    Enlarging,
     Fit,
     InputSpec,
     MaskSpec,
     ModelCard,
     OutputSpec,
     Resize,
-    Side,
 )
 
 _PLANES = {
@@ -39,11 +37,6 @@ _RESIZES = {
     Resize.LINEAR_CORNERS: imageops.resize_corners,
 }
 _ANTIALIASED = frozenset({Resize.LINEAR_ANTIALIAS, Resize.CUBIC_ANTIALIAS})
-_ENLARGINGS = {
-    Enlarging.LINEAR: imageops.resize_bilinear,
-    Enlarging.LINEAR_CORNERS: imageops.resize_corners,
-    Enlarging.CUBIC: imageops.resize_cubic,
-}
 _LARGE_PIXELS = 4_000_000  # larger images are converted to float in bands
 # Times the shorter side; longer images are padded to that. Chosen on held-out pairs, on which a
 # longer input of the same area is worse: docs/accuracy.md.
@@ -313,7 +306,7 @@ def full_size(
 
 def enlarged(spec: OutputSpec, raw: Float32Array, layout: Layout, frame: Frame) -> Float32Array:
     """Depth at the image's size, (H, W) float32, by the authors' enlarging of raw output."""
-    full = _ENLARGINGS[spec.enlarging](_crop(raw, layout), frame.width, frame.height)
+    full = _RESIZES[spec.enlarging](_crop(raw, layout), frame.width, frame.height)
     return in_range(spec, spec.codec.decode(full))
 
 
@@ -325,7 +318,7 @@ def without_depth(spec: MaskSpec, mask: Float32Array, layout: Layout, frame: Fra
 
 def lacks_depth(spec: MaskSpec, mask: Float32Array) -> BoolArray:
     """Pixels without depth of a mask of any size."""
-    return mask <= spec.threshold if spec.depth_is is Side.ABOVE else mask >= spec.threshold
+    return mask <= spec.threshold if spec.depth_is == "above" else mask >= spec.threshold
 
 
 def blends_in_log(spec: OutputSpec) -> bool:

@@ -42,6 +42,7 @@ _COLMAP_MODELS = (
 _ONE_FOCAL = re.compile(r"SIMPLE_|RADIAL")
 _MAX_BYTES = 2**20
 _MAX_PX = 1e6
+_CORNER = 0.5  # of nerfstudio and COLMAP, which count from the corner of the first pixel
 _SQUARE = 0.001  # largest difference of fx and fy of square pixels, as a share
 
 
@@ -49,11 +50,10 @@ _SQUARE = 0.001  # largest difference of fx and fy of square pixels, as a share
 class _Camera:
     """Numbers of a calibration, not checked yet."""
 
-    matrix: tuple[float, float, float, float]  #: fx, fy, cx, cy
+    matrix: tuple[float, float, float, float]  #: fx, fy, cx, cy; (0, 0) is the first pixel's middle
     size_px: tuple[float, float] | None = None  #: columns, rows; None if they are not stated
     coefficients: tuple[float, ...] = ()  #: of distortion, in the order of its model
     model: str = ""  #: of distortion, in lower case; empty if it is not stated
-    counts_from_corner: bool = False  #: whether (.5, .5) is the middle of the first pixel
 
 
 def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -> Intrinsics:
@@ -96,8 +96,6 @@ def camera_of_ros(info: Mapping[str, Any], path: Path, *, rectified: bool) -> In
 def _checked(camera: _Camera, path: Path, *, rectified: bool) -> Intrinsics:
     """The camera of numbers that make sense; InputError if they do not."""
     fx, fy, cx, cy = camera.matrix
-    if camera.counts_from_corner:
-        cx, cy = cx - 0.5, cy - 0.5
     width, height = camera.size_px or (math.nan, math.nan)
     is_size = all(1 <= side <= _MAX_PX and side == int(side) for side in camera.size_px or ())
     # A crop can have it outside, but hardly by more than its own size.
@@ -235,7 +233,7 @@ def _of_named(tree: Mapping[str, Any], size_px: tuple[float, float] | None) -> _
         fx = _number(tree.get("fl_x", width / 2 / math.tan(angle / 2)))
         others = (("fl_y", fx), ("cx", width / 2), ("cy", height / 2))
         fy, cx, cy = (_number(tree.get(name, default)) for name, default in others)
-        return _Camera((fx, fy, cx, cy), size_px, counts_from_corner=True)
+        return _Camera((fx, fy, cx - _CORNER, cy - _CORNER), size_px)
     return None
 
 
@@ -284,8 +282,8 @@ def _of_colmap(lines: list[list[str]], path: Path) -> _Camera:
     if _ONE_FOCAL.match(model):
         parameters = parameters[:1] + parameters
     fx, fy, cx, cy, *distortion = parameters
-    size_px, numbers = (float(width), float(height)), tuple(distortion)
-    return _Camera((fx, fy, cx, cy), size_px, numbers, model.lower(), counts_from_corner=True)
+    matrix, size_px = (fx, fy, cx - _CORNER, cy - _CORNER), (float(width), float(height))
+    return _Camera(matrix, size_px, tuple(distortion), model.lower())
 
 
 def documents_in(text: str) -> Iterator[Any]:

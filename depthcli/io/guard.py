@@ -53,10 +53,7 @@ def _index_end(head: bytes) -> int:
     return start + int.from_bytes(head[start : start + 4]) if is_index else _HEAD_BYTES
 
 
-_IMAGE_NAME = (
-    r"(?i)(\.((depth|normals)(\.\d{6,})?\.(png|pgm|tiff?)|(preview|stereo|error)\.png)"
-    r"|(depth|normals)[^/]*\.exr)$"
-)
+_IMAGE_NAME = r"(?i)depth|normals|preview|stereo|error"  # words of default names
 _OTHER_NAME = r"(?i)\.(depth\.(mkv|tar|parquet|mcap|db3)|stereo\.mp4|preview\.(mp4|webm|mov))$"
 
 

@@ -173,16 +173,6 @@ class Shard:
         """Infix for names of files that belong to this part."""
         return f"-{self.number}-of-{self.count}" if self.count > 1 else ""
 
-    @property
-    def journal_name(self) -> str:
-        """Name of the file with the rows of a running batch."""
-        return f".depthcli-batch{self.tag}.jsonl"
-
-    @property
-    def manifest_name(self) -> str:
-        """Name of the file with the rows of a finished batch."""
-        return f"manifest{self.tag}.jsonl"
-
 
 WHOLE = Shard()
 
@@ -309,8 +299,9 @@ class Journal(Rows):
 
     def __init__(self, folder: Path, shard: Shard = WHOLE, batch: Container[str] = ()) -> None:
         """Open or create the journal of an output folder, which is created if it is missing."""
-        self._path, self._lock = folder / shard.journal_name, threading.Lock()
-        self.manifest = folder / shard.manifest_name
+        journal, manifest = (f"{prefix}{shard.tag}.jsonl" for prefix in _PREFIXES)
+        self._path, self.manifest = folder / journal, folder / manifest
+        self._lock = threading.Lock()
         self._waiting, self._uploaded_s = bytearray(), time.monotonic()
         is_local = not isinstance(folder, RemotePath)
         with ExitStack() as opened, _write_errors(self._path):

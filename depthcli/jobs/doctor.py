@@ -129,8 +129,8 @@ def _one_line_reason(error: Exception) -> str:
 
 def _check_model(name: str | None, provider: str) -> Iterator[Check]:
     from depthcli.inference.loading import SessionLoader
-    from depthcli.inference.providers import available_providers, ort
-    from depthcli.inference.trial import try_session
+    from depthcli.inference.pipeline import try_session
+    from depthcli.inference.session import available_providers, ort
 
     session = SessionLoader(name, provider).load()
     try_session(session)
@@ -145,7 +145,7 @@ def _check_model(name: str | None, provider: str) -> Iterator[Check]:
 
 def _check_providers(name: str | None) -> Iterator[Check]:
     """Check that each available provider runs the model, except one that takes minutes."""
-    from depthcli.inference.providers import SLOW_TO_START, available_providers
+    from depthcli.inference.session import SLOW_TO_START, available_providers
 
     for provider in available_providers():
         title = f"provider {provider}"
@@ -157,7 +157,7 @@ def _check_providers(name: str | None) -> Iterator[Check]:
 
 def _load_and_run(name: str | None, provider: str) -> None:
     from depthcli.inference.loading import SessionLoader
-    from depthcli.inference.trial import try_session
+    from depthcli.inference.pipeline import try_session
 
     try_session(SessionLoader(name, provider).load())
 

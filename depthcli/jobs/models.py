@@ -14,8 +14,8 @@ from typing import Any, BinaryIO, NamedTuple
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import DepthcliError, InputError, ModelError, OutputError, UsageError
+from depthcli.inference.pipeline import try_other_size, try_session
 from depthcli.inference.session import Session
-from depthcli.inference.trial import try_other_size, try_session
 from depthcli.io.storage import atomic, paths
 from depthcli.io.storage.temporary import open_locked
 from depthcli.models import catalog

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthKind
 from depthcli.errors import ModelError, UsageError
-from depthcli.inference.providers import ort
+from depthcli.inference.session import ort
 from depthcli.io.guard import Guard
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.models.card import SCHEMA, Colour, ModelCard

@@ -76,7 +76,7 @@ def predict_images(
         except (InputError, OutputError) as error:
             yield FailedInput(plan.name, error)
         except ModelError as error:
-            from depthcli.inference.trial import check_network  # noqa: PLC0415 - seldom needed
+            from depthcli.inference.pipeline import check_network  # noqa: PLC0415 - seldom needed
 
             check_network(error, loading.result())
             yield FailedInput(plan.name, error)

@@ -10,8 +10,7 @@ from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import Anchor, Intrinsics
 from depthcli.core.options import Rule
 from depthcli.errors import InputError, UsageError
-from depthcli.io.depth.embedded import read_embedded_depth
-from depthcli.io.depth.read import read_stored_depth
+from depthcli.io.depth.read import read_embedded_depth, read_stored_depth
 from depthcli.io.formats.raster import COLMAP_MAP
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.stored.depth import DepthReadOptions

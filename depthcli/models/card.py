@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 from depthcli.core.camera import HFOV_DEG, focal_px_of_hfov
 from depthcli.core.options import Rule, short_repr
@@ -84,24 +84,10 @@ class Resize(StrEnum):
     """Bicubic (a = -0.5), antialiased: Pillow's BICUBIC."""
 
 
-class Enlarging(StrEnum):
-    """Enlarging of a network's output, with ``--upsampling model``."""
-
-    LINEAR = "linear"
-    """Bilinear, half-pixel centres."""
-    LINEAR_CORNERS = "linear-corners"
-    """Bilinear, from corner pixel to corner pixel: torch's align_corners."""
-    CUBIC = "cubic"
-    """Bicubic (a = -0.75), half-pixel centres."""
-
-
-class TensorLayout(StrEnum):
-    """Order of the axes of the network's input."""
-
-    NCHW = "nchw"
-    """Image, channel, row, column."""
-    NHWC = "nhwc"
-    """Image, row, column, channel, the default of TensorFlow's converters."""
+_ENLARGING = frozenset({Resize.LINEAR, Resize.LINEAR_CORNERS, Resize.CUBIC})
+_Enlarging: TypeAlias = Annotated[
+    Resize, Rule("linear, linear-corners or cubic", _ENLARGING.__contains__)
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +114,8 @@ class InputSpec:
     resize: Resize = Resize.AREA  #: how the image is resized
     #: whether each resizing rounds colours to 8 bits, as that of an 8-bit image does
     eight_bit: bool = False
-    layout: TensorLayout = TensorLayout.NCHW  #: order of the axes
+    #: order of the axes: image, channel, row, column; channels are last in most of TensorFlow's
+    layout: Literal["nchw", "nhwc"] = "nchw"
     #: width over height of the network's pixels as it learned them, in pixels of the image: 4/3
     #: if it learned images of 4:3 stretched to a square. For ``stretch`` and ``keep-aspect``
     pixel_aspect: _Ratio = 1.0
@@ -151,20 +138,13 @@ PROMPT_INPUTS = "prompt", "mask"
 """Names of the inputs for known depth and for its mask, 1 where it is known and 0 elsewhere."""
 
 
-class Side(StrEnum):
-    """The side of a threshold."""
-
-    ABOVE = "above"
-    BELOW = "below"
-
-
 @dataclass(frozen=True, slots=True)
 class MaskSpec:
     """A second output of the network, of its map's size: which pixels have a depth."""
 
     output: Text  #: name of the output
     threshold: float  #: between pixels with depth and those without
-    depth_is: Side  #: the side of pixels with depth
+    depth_is: Literal["above", "below"]  #: the side of pixels with depth
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,16 +152,6 @@ class PointsSpec:
     """A map of points, from which depth and the field of view follow by least squares."""
 
     scale_output: Text | None = None  #: name of the output that points are multiplied by, (N,)
-
-
-class FocalAxis(StrEnum):
-    """The axis along which a focal length is measured in a network's input."""
-
-    BOTH = "both"
-    """The geometric mean of both."""
-    MEAN = "mean"
-    """The arithmetic mean of both."""
-    WIDTH = "width"
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +165,7 @@ class OutputSpec:
     min_m: float | None = None  #: least depth in metres; None if the kind is not metric
     max_m: _Ratio | None = None  #: largest depth in metres; None if the kind is not metric
     #: how the authors enlarge the raw output to the image's size
-    enlarging: Enlarging = Enlarging.LINEAR
+    enlarging: _Enlarging = Resize.LINEAR
     #: the map is (N, h, w, 3), x, y and z up to a shift of z; None for a map of depth
     points: PointsSpec | None = None
     mask: MaskSpec | None = None  #: the pixels that have a depth; None if the network tells none
@@ -213,7 +183,8 @@ class CameraSpec:
     #: horizontal field of view over the full image width, in degrees
     hfov_deg: Annotated[float, HFOV_DEG] | None = None
     focal_px: _Ratio | None = None  #: focal length in pixels of the network's input
-    along: FocalAxis = FocalAxis.BOTH  #: where resizing stretches, the axis that counts
+    #: where resizing stretches, the axis that counts; of both, the geometric mean, or the mean
+    along: Literal["both", "mean", "width"] = "both"
     #: power of the ratio of focal lengths that metres are multiplied by: below 1 of a network that
     #: reacts to a part of a change in apparent size
     exponent: _Ratio = 1.0
@@ -422,8 +393,8 @@ def _check_input(spec: InputSpec) -> None:
         raise FieldError(f"times height is more than {MAX_INPUT_PIXELS:,} pixels", "input.width")
     if spec.dynamic and spec.multiple_of > min(spec.width, spec.height):
         raise FieldError("is more than input.width or input.height", "input.multiple_of")
-    if spec.prompt_inputs and spec.layout is not TensorLayout.NCHW:
-        raise FieldError(f"has to be {TensorLayout.NCHW} with a prompt", "input.layout")
+    if spec.prompt_inputs and spec.layout != "nchw":
+        raise FieldError("has to be nchw with a prompt", "input.layout")
     if spec.fit in _DYNAMIC_ONLY and not spec.dynamic:
         raise FieldError(f"is {spec.fit}, which needs a dynamic size", "input.fit")
     if spec.fit in _DYNAMIC_ONLY and spec.pixel_aspect != 1:

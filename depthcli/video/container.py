@@ -62,12 +62,6 @@ class RawVideo:
     pixel_format: str  #: FFmpeg's name, such as ``bgr24``
     rate: Fraction  #: frames a second
 
-    @property
-    def options(self) -> dict[str, str]:
-        """Options of FFmpeg's reader."""
-        size = f"{self.width}x{self.height}"
-        return {"video_size": size, "pixel_format": self.pixel_format, "framerate": f"{self.rate}"}
-
 
 def pixel_format_of(name: str) -> str | None:
     """FFmpeg's name of a pixel format, ``gray`` for ``gray8``; None if it has no such format."""
@@ -131,8 +125,9 @@ def open_video(
     errors: Any = {"metadata_errors": "replace"} if av.__version__ < "19" else {}  # if not UTF-8
     if not isinstance(source, InputPipe):
         _check_file(source)
-    elif source.raw is not None:
-        name, options = "rawvideo", source.raw.options
+    elif (raw := source.raw) is not None:
+        name, size = "rawvideo", {"video_size": f"{raw.width}x{raw.height}"}
+        options = size | {"pixel_format": raw.pixel_format, "framerate": f"{raw.rate}"}
     # FFmpeg does not take an absolute path for a protocol.
     file = source if isinstance(source, InputPipe) else os.path.abspath(source)  # noqa: PTH100 - links stay as named
     container = None

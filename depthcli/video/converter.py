@@ -1,8 +1,11 @@
-"""Images of decoded video frames: RGB, upright, and one eye of stereo."""
+"""Images of decoded video frames: RGB, upright, one eye; what frames state of their view."""
 
 import math
+import struct
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import av
 import numpy as np
@@ -11,12 +14,12 @@ from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
 from depthcli.core.arrays import UInt8Array, UInt16Array
-from depthcli.core.options import Projection, ReadOptions
+from depthcli.core.imageops import PANORAMA, transfer_warning
+from depthcli.core.options import Eye, Projection, ReadOptions
 from depthcli.core.types import Frame, pixel_aspect_of
-from depthcli.errors import InputError, Message
+from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.images.pixels import from_video_range, full_range, upright
 from depthcli.io.images.read import masked
-from depthcli.video.facts import camera_warnings, side_data, squeeze_of, view_of
 
 _EIGHT_BIT = 8
 _UNSPECIFIED = 2
@@ -62,6 +65,87 @@ def orientation_of(frame: VideoFrame) -> int:
     shares = a / across, b / down, c / across, d / down
     turns = (np.allclose(shares, matrix, atol=_TOLERANCE) for matrix in _MATRICES)
     return next((number for number, fits in enumerate(turns, start=1) if fits), 1)
+
+
+_SIDE_BY_SIDE, _TOP_BOTTOM = 1, 2
+_PACKED = {_SIDE_BY_SIDE: "side by side", _TOP_BOTTOM: "one above the other"}
+_INTERLEAVED = range(3, 8)
+_LEAST_SHAPE, _TWO_SQUARES = Fraction(5, 4), 2  # width by height of one image, and of two
+_PROJECTIONS = {0: Projection.EQUIRECTANGULAR, 1: "cubemap", 2: "tiles", 3: "VR180", 5: "fisheye"}
+"""Projections that are not flat, by FFmpeg's numbers."""
+
+
+def camera_warnings(
+    frame: VideoFrame, eye: Eye | None, projection: Projection | None
+) -> Iterator[str]:
+    """Warnings by the first frame, but not about a view or a projection that is given."""
+    if warning := transfer_warning(frame.color_trc, "video", "BT.709"):
+        yield warning
+    if frame.interlaced_frame:
+        yield Message(
+            "the video is interlaced, and the network sees both fields of a frame at once",
+            "deinterlace it first: ffmpeg -i in.mov -vf yadif -c:v ffv1 out.mkv",
+        )
+    stereo, spherical = _stereo(frame), side_data(frame, Type.SPHERICAL)
+    if stereo is None and eye is not None:
+        yield "the video states no stereo layout; two views side by side are assumed"
+    if stereo is not None and eye is None:
+        layout = _PACKED.get(stereo[0], "interleaved")
+        yield Message(
+            f"each frame holds two views, {layout}, which the network takes for one image",
+            "choose one with {eye}",
+        )
+    sphere = _PROJECTIONS.get(struct.unpack_from("<i", spherical)[0]) if spherical else None
+    if sphere is Projection.EQUIRECTANGULAR and projection is None:
+        yield PANORAMA
+    elif sphere not in {None, projection}:
+        yield f"its frames are a panorama ({sphere}), which is taken for another projection"
+
+
+def view_of(frame: VideoFrame, eye: Eye | None) -> tuple[slice, slice]:
+    """Rows and columns of one view of a stereo frame; UsageError if views are interleaved."""
+    whole = slice(None)
+    if eye is None:
+        return whole, whole
+    kind, is_inverted = _stereo(frame) or (_SIDE_BY_SIDE, False)
+    if kind not in _PACKED:
+        raise UsageError("its two views are interleaved", "separate them first", option="eye")
+    size = frame.width if kind == _SIDE_BY_SIDE else frame.height
+    is_first = (eye is Eye.LEFT) != is_inverted
+    half = slice(size // 2) if is_first else slice(size - size // 2, None)
+    return (whole, half) if kind == _SIDE_BY_SIDE else (half, whole)
+
+
+def squeeze_of(frame: VideoFrame, pixel_aspect: Fraction, options: ReadOptions) -> Fraction:
+    """Width by height of a pixel of one view, by that of a pixel of the frame.
+
+    Half of the width of each view is kept side by side, half of its height one above the other,
+    if the frame has the shape of one image; no container states it.
+    """
+    kind, shape = (_stereo(frame) or (_SIDE_BY_SIDE,))[0], pixel_aspect * frame.width / frame.height
+    is_flat = side_data(frame, Type.SPHERICAL) is None and options.projection is None
+    if options.eye is None or shape < _LEAST_SHAPE or not is_flat:
+        return Fraction(1)
+    if kind == _TOP_BOTTOM:
+        return Fraction(1, 2)
+    return Fraction(2 if shape < _TWO_SQUARES else 1)
+
+
+def _stereo(frame: VideoFrame) -> tuple[int, bool] | None:
+    """FFmpeg's number of the stereo layout, and whether right is first; None for one view."""
+    data = side_data(frame, Type.STEREO3D)
+    kind, flags = struct.unpack_from("<2i", data) if data else (0, 0)
+    return (kind, bool(flags & 1)) if kind in {*_PACKED, *_INTERLEAVED} else None
+
+
+def side_data(frame: VideoFrame, kind: Any) -> bytes | None:  # noqa: ANN401 - PyAV's enum
+    """Data of one kind beside a frame; None if there is none, or a kind that PyAV does not know."""
+    try:
+        beside: Any = frame.side_data  # whose type is stated wrongly
+        entry = beside.get(kind)
+    except ValueError:
+        return None
+    return None if entry is None else bytes(entry)
 
 
 _RGB = 3

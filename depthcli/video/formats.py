@@ -3,89 +3,51 @@
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import PurePath
-from typing import Self
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.formats.table import FORMATS, Format, stem_of
+from depthcli.io.formats.table import Format, FormatFacts, TableOfFormats, stem_of
 
 FRAME_NUMBER = "%06d"  #: placeholder of the frame's number in the name of a sequence
 
 
-@dataclass(frozen=True, slots=True)
-class VideoFormatFacts:
-    """The entry of a format in the table, known without loading its writer."""
-
-    suffix: str  #: end of the default output name; of a sequence, with ``FRAME_NUMBER``
-    file_suffix: str | None  #: that chooses this format where the user names a file, if any
-    image: Format | None  #: the format whose writer writes its frames; None if there is none
-    #: options of the command that it uses, by the names of their parameters
-    options: tuple[str, ...]
-
-    @property
-    def is_sequence(self) -> bool:
-        """Whether it is a file for each frame."""
-        return FRAME_NUMBER in self.suffix
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether its files store the values of depth bit for bit, unless they are halved."""
-        return self.is_sequence and self.image is not None and self.image.facts.is_exact
-
-    @property
-    def is_preview(self) -> bool:
-        """Whether it is a video of colours: previews, or stereo pairs."""
-        return self.image is not None and not self.is_sequence
-
-
+_OF_DEPTH = "png_scale", "lock", "vmin", "vmax"
 _OF_PREVIEWS = "lock", "codec", "audio"
 
 
-def _preview(file_suffix: str) -> VideoFormatFacts:
-    options = (*FORMATS[Format.PREVIEW].options, *_OF_PREVIEWS)
-    return VideoFormatFacts(f".preview{file_suffix}", file_suffix, Format.PREVIEW, options)
+def _colours(image: Format, suffix: str, file_suffix: str | None = None) -> FormatFacts:
+    """The entry of a video of colours, whose frames are drawn as such images."""
+    options = (*image.facts.options, *_OF_PREVIEWS)
+    return image.facts._replace(suffix=suffix, file_suffix=file_suffix, options=options)
 
 
-def _frames(image: Format, name: str = "depth") -> VideoFormatFacts:
-    facts = FORMATS[image]
-    suffix = f".{name}.{FRAME_NUMBER}{PurePath(facts.suffix).suffix}"
-    return VideoFormatFacts(suffix, None, image, facts.options)
+def _frames(image: Format) -> FormatFacts:
+    """The entry of a file for each frame, which no file suffix chooses."""
+    end = PurePath(image.facts.suffix)
+    numbered = f"{end.stem}.{FRAME_NUMBER}{end.suffix}"
+    return image.facts._replace(suffix=numbered, file_suffix=None)
 
 
-class VideoFormat(StrEnum):
-    """Output formats of a video's depth; the values of ``--format``.
+class VideoFormat(TableOfFormats):
+    """Output formats of a video's depth, the values of ``--format``, with the columns of images.
 
-    A member is its name and its :class:`VideoFormatFacts`.
+    Options are those of the command, by the names of their parameters.
     """
 
-    facts: VideoFormatFacts
-
-    def __new__(cls, word: str, *facts: VideoFormatFacts) -> Self:  # noqa: D102 - as Format
-        member = str.__new__(cls, word)
-        member._value_ = word
-        (member.facts,) = facts
-        return member
+    facts: FormatFacts
 
     # Lossless 16-bit video.
-    MKV = (
-        "mkv",
-        VideoFormatFacts(".depth.mkv", ".mkv", None, ("png_scale", "lock", "vmin", "vmax")),
-    )
-    MP4 = "mp4", _preview(".mp4")
-    WEBM = "webm", _preview(".webm")
-    MOV = "mov", _preview(".mov")
-    STEREO = (
-        "stereo",
-        VideoFormatFacts(
-            *(".stereo.mp4", None, Format.STEREO), (*Format.STEREO.facts.options, *_OF_PREVIEWS)
-        ),
-    )
+    MKV = "mkv", FormatFacts("", ".depth.mkv", ".mkv", options=_OF_DEPTH)
+    MP4 = "mp4", _colours(Format.PREVIEW, ".preview.mp4", ".mp4")
+    WEBM = "webm", _colours(Format.PREVIEW, ".preview.webm", ".webm")
+    MOV = "mov", _colours(Format.PREVIEW, ".preview.mov", ".mov")
+    STEREO = "stereo", _colours(Format.STEREO, ".stereo.mp4")
     PNG16 = "png16", _frames(Format.PNG16)
     EXR = "exr", _frames(Format.EXR)
     NPY = "npy", _frames(Format.NPY)
-    NORMALS = "normals", _frames(Format.NORMALS, "normals")
-    NORMALS_EXR = "normals-exr", _frames(Format.NORMALS_EXR, "normals")
+    NORMALS = "normals", _frames(Format.NORMALS)
+    NORMALS_EXR = "normals-exr", _frames(Format.NORMALS_EXR)
     # What the numbers of the others mean.
-    JSON = "json", VideoFormatFacts(".depth.json", ".json", None, Format.JSON.facts.options)
+    JSON = "json", Format.JSON.facts._replace(range_options=())
     # Every other format of images that is read back is that of a sequence as well.
     _ignore_ = "image"
     for image in Format:
@@ -94,7 +56,7 @@ class VideoFormat(StrEnum):
 
 
 VIDEOS = (VideoFormat.MKV, VideoFormat.MP4, VideoFormat.WEBM, VideoFormat.MOV)
-SEQUENCES = {w: w.facts.image for w in VideoFormat if w.facts.image and w.facts.is_sequence}
+SEQUENCES = {word: Format(word) for word in VideoFormat if FRAME_NUMBER in word.facts.suffix}
 """The formats that write a file for each frame, and the format of images of each."""
 COUNTERPARTS = {
     **{image: which for which, image in SEQUENCES.items()},
@@ -125,7 +87,7 @@ def video_stem_of(path: str | PurePath) -> str:
 
     What selects no format is part of the name: ``shot.v003`` is its own stem.
     """
-    files = [format_.facts for format_ in VideoFormat if not format_.facts.is_sequence]
+    files = [format_.facts for format_ in VideoFormat if format_ not in SEQUENCES]
     chosen = (facts.file_suffix for facts in files if facts.file_suffix)
     return stem_of(path, (*(facts.suffix for facts in files), *chosen))
 

@@ -71,31 +71,78 @@ class LiveCounts:
     reconnections: int = 0  #: how often it was opened again
 
 
-class LiveReader:
-    """Decodes a stream in its own thread and keeps the newest frame.
+class LiveSource(FrameSource):
+    """The newest frames of a stream, with the times of their arrival, from the first one on.
 
-    A lost stream is opened again, after pauses of 1, 2, 4 s and so on.
+    A thread of its own decodes the stream and keeps the newest frame. A lost stream is opened
+    again, after pauses of 1, 2, 4 s and so on. ``index`` counts all frames that came, so that
+    dropped ones are missing in the numbers.
 
     Attributes:
         counts: frames that came and were dropped.
-        problem: why the stream ended; None if that is no error.
-        rate: frames a second that the stream states; None before it is open.
     """
 
-    def __init__(self, stream: LiveStream, number: int | None = None) -> None:
-        """Begin to read; ``number`` is that of the video stream, None for the best one."""
+    def __init__(
+        self,
+        stream: LiveStream,
+        *,
+        max_pixels: int = MAX_PIXELS,
+        number: int | None = None,
+        options: ReadOptions = AS_STATED,
+    ) -> None:
+        """Open a stream, and wait for its first frame.
+
+        Args as of :class:`depthcli.video.source.VideoSource`. InputError if it cannot be opened,
+        has no frame, or is too large.
+        """
         self.counts, self.rate = LiveCounts(), FALLBACK_RATE
-        self.problem: str | None = None
-        self.pixel_aspect: Fraction | None = None
+        self.paths, self.frames_stated, self.tick_s = (), None, _TICK_S
         self._stream, self._number = stream, number
+        self._pixel_aspect: Fraction | None = None
         self._news = threading.Condition()
         self._newest: LiveFrame | None = None
         self._error: BaseException | None = None
         self._has_ended = False
         # A daemon, as FFmpeg may wait for data of a stream that is not wanted any more.
         threading.Thread(target=self._run, daemon=True).start()
+        first = self._next()
+        if first is None:
+            raise InputError(f"{stream} ended before its first frame")
+        image = first.image
+        check_pixel_count(str(stream), image.width, image.height, max_pixels)
+        self._first = first
+        self._converter = FrameConverter(image, self._pixel_aspect, options)
+        self.warnings = self._converter.warnings
 
-    def next(self) -> LiveFrame | None:
+    def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
+        """Convert the newest frame whenever one is asked for; as of :class:`FrameSource`."""
+        for selected in span.selected(self._numbers_and_times(), is_live=True):
+            if not selected:
+                continue
+            number, image = self._current.number, self._current.image
+            try:
+                frame = self._converter.image(image, number, self._time_s)
+            except InputError as error:
+                self.problem = str(error)
+                break
+            self.warnings += frame.warnings
+            yield frame
+        self._stream.stop.set()
+
+    def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
+        frame: LiveFrame | None = self._first
+        ticks = -1
+        while frame is not None:
+            ticks = max(ticks + 1, round((frame.time_s - self._first.time_s) / float(_TICK_S)))
+            self._current, self._time_s = frame, ticks * _TICK_S
+            yield frame.number, self._time_s
+            frame = self._next()
+
+    def close(self) -> None:
+        """Stop the stream."""
+        self._stream.stop.set()
+
+    def _next(self) -> LiveFrame | None:
         """Wait for a frame that was not returned yet; None when the stream ended or was stopped."""
         stop = self._stream.stop
         with self._news:
@@ -111,7 +158,7 @@ class LiveReader:
     def _run(self) -> None:
         try:
             self._read()
-        except BaseException as error:  # noqa: BLE001 - raised by next
+        except BaseException as error:  # noqa: BLE001 - raised by _next
             self._error = error
         with self._news:
             self._has_ended = True
@@ -146,110 +193,35 @@ class LiveReader:
         container, stream = _opened(self._stream, self._number)
         with container:
             rate = stream.average_rate or stream.guessed_rate or 0  # the latter of raw frames
-            self.rate = exact_rate(rate) or FALLBACK_RATE
-            self.pixel_aspect = stream.sample_aspect_ratio
+            if not self.counts.received:
+                self.rate = exact_rate(rate) or FALLBACK_RATE
+                self._pixel_aspect = stream.sample_aspect_ratio
             # HLS comes in parts of seconds, whose frames would be late all at once.
-            clock = StreamClock(self._stream.stop) if container.format.name == _HLS else None
+            is_hls, self._origin_s = container.format.name == _HLS, float("inf")
             decoder, before = FrameDecoder(container, stream), self.counts.received
             for frame in iter(decoder.next, None):
-                if clock is not None and frame.time is not None:
-                    clock.wait_until(frame.time)
+                if is_hls and frame.time is not None:
+                    self._wait_until(frame.time)
                 if self._stream.stop.is_set():
                     return True
                 if self.counts.received == before > 0:
                     self.counts.reconnections += 1
                     self._stream.say(f"{self._stream} is back")
-                self._put(frame)
+                with self._news:
+                    self.counts.dropped += self._newest is not None
+                    self._newest = LiveFrame(frame, self.counts.received, time.monotonic())
+                    self.counts.received += 1
+                    self._news.notify()
             if self._stream.pipe is not None:
                 self._stream.pipe.check()
                 return True
             return container.duration is not None and not decoder.ended_early
 
-    def _put(self, frame: VideoFrame) -> None:
-        with self._news:
-            self.counts.dropped += self._newest is not None
-            self._newest = LiveFrame(frame, self.counts.received, time.monotonic())
-            self.counts.received += 1
-            self._news.notify()
-
-
-class StreamClock:
-    """Waits until frames are due by their time stamps, from the first one on."""
-
-    def __init__(self, stop: threading.Event) -> None:
-        """Begin before the first frame; ``stop`` ends a wait early."""
-        self._stop, self._origin_s = stop, float("inf")
-
-    def wait_until(self, time_s: float) -> None:
-        """Wait until a frame is due, unless its time stamp jumps."""
+    def _wait_until(self, time_s: float) -> None:
+        """Wait until a frame is due by its time stamp, from the first one on, unless that jumps."""
         now_s = time.monotonic()
         ahead_s = self._origin_s + time_s - now_s
         if abs(ahead_s) > _MOST_AHEAD_S:
             self._origin_s = now_s - time_s
         elif ahead_s > 0:
-            self._stop.wait(ahead_s)
-
-
-class LiveSource(FrameSource):
-    """The newest frames of a stream, with the times of their arrival, from the first one on.
-
-    ``index`` counts all frames that came, so that dropped ones are missing in the numbers.
-    """
-
-    def __init__(
-        self,
-        stream: LiveStream,
-        *,
-        max_pixels: int = MAX_PIXELS,
-        number: int | None = None,
-        options: ReadOptions = AS_STATED,
-    ) -> None:
-        """Open a stream, and wait for its first frame.
-
-        Args as of :class:`depthcli.video.source.VideoSource`. InputError if it cannot be opened,
-        has no frame, or is too large.
-        """
-        self._stream, self._reader = stream, LiveReader(stream, number)
-        self.paths, self.frames_stated, self.tick_s = (), None, _TICK_S
-        first = self._reader.next()
-        if first is None:
-            raise InputError(f"{stream} ended before its first frame")
-        image = first.image
-        check_pixel_count(str(stream), image.width, image.height, max_pixels)
-        self._first, self.rate = first, self._reader.rate
-        self._converter = FrameConverter(image, self._reader.pixel_aspect, options)
-        self.warnings = self._converter.warnings
-
-    @property
-    def counts(self) -> LiveCounts:
-        """Numbers of frames so far."""
-        return self._reader.counts
-
-    def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
-        """Convert the newest frame whenever one is asked for; as of :class:`FrameSource`."""
-        for selected in span.selected(self._numbers_and_times(), is_live=True):
-            if not selected:
-                continue
-            number, image = self._current.number, self._current.image
-            try:
-                frame = self._converter.image(image, number, self._time_s)
-            except InputError as error:
-                self.problem = str(error)
-                break
-            self.warnings += frame.warnings
-            yield frame
-        self._stream.stop.set()
-
-    def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
-        frame: LiveFrame | None = self._first
-        ticks = -1
-        while frame is not None:
-            ticks = max(ticks + 1, round((frame.time_s - self._first.time_s) / float(_TICK_S)))
-            self._current, self._time_s = frame, ticks * _TICK_S
-            yield frame.number, self._time_s
-            frame = self._reader.next()
-        self.problem = self._reader.problem
-
-    def close(self) -> None:
-        """Stop the stream."""
-        self._stream.stop.set()
+            self._stream.stop.wait(ahead_s)

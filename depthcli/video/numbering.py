@@ -123,15 +123,17 @@ def find_images(path: Path, *, is_depth: bool = False) -> list[NumberedImage]:
     in the order of their names. UsageError if a folder holds several sequences. With ``is_depth``,
     they are depth files, of depthcli as well.
     """
-    is_wanted = _is_depth_file if is_depth else is_sequence_image
     is_folder = not is_pattern(path.name) or path.is_dir()
     folder = path if is_folder else path.parent
     with os_errors_as(InputError, f"{folder} cannot be listed"):
-        matching = [
-            folder / name
-            for name in listed_names(folder)
-            if (is_wanted(name) if is_folder else number_in(path.name, name) is not None)
-        ]
+        names = listed_names(folder)
+        if not is_folder:
+            names = (name for name in names if number_in(path.name, name) is not None)
+        elif is_depth:
+            names = (n for n in names if PurePath(n).suffix.lower() in READABLE_SUFFIXES)
+        else:
+            names = (name for name in names if is_image(name) or is_exr(name))
+        matching = [folder / name for name in names if not (is_folder and name.startswith("."))]
     if not matching:
         what = "no image" if is_folder else "no such image: nothing fits the pattern"
         raise InputError(f"{path} has {what}", "see docs/video.md for image sequences")
@@ -166,15 +168,6 @@ def listed_names(folder: Path) -> Iterable[str]:
         names = () if folder.is_http else folder.walk_names()
         return (name for name in names if "/" not in name)
     return sorted(os.listdir(folder))  # noqa: PTH208 - names, sorted as such
-
-
-def is_sequence_image(name: str) -> bool:
-    """Whether a name is that of an image, EXR included, by its suffix, and not hidden."""
-    return not name.startswith(".") and (is_image(name) or is_exr(name))
-
-
-def _is_depth_file(name: str) -> bool:
-    return not name.startswith(".") and PurePath(name).suffix.lower() in READABLE_SUFFIXES
 
 
 def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedImage]:

@@ -290,8 +290,7 @@ class DepthVideoOutput(VideoFile):
     ) -> None:
         """Prepare the units per metre of 16-bit files; without metres, the ends of previews."""
         super().__init__(target, timing, guard)
-        self._scale = writing.units_per_metre
-        self._colours = PreviewWriter(vmin=writing.vmin, vmax=writing.vmax)
+        self._writing, self._scale = writing, writing.units_per_metre
         self._saturated = self._count = 0
         self._first: DepthFrame | None = None
 
@@ -301,7 +300,7 @@ class DepthVideoOutput(VideoFile):
         if depth.is_metric:
             steps, saturated = quantized(depth.values, self._scale)
         else:
-            low, high = self._colours.range_of(frame.spread)
+            low, high = self._writing.range_of(frame.spread)
             steps, saturated = normalized(depth.values, depth.valid, low, high), 0
         return frame, _av_frame(steps, FFV1), saturated
 
@@ -389,9 +388,10 @@ def video_file(
 
     ``codec`` and ``audio`` are for the latter two; None for the usual codec, and for no sound.
     """
-    if format_.facts.image is None:
+    if format_ is VideoFormat.MKV:
         return DepthVideoOutput(target, timing, writing, guard)
-    writer = cast("PreviewWriter | StereoWriter", writer_of(format_.facts.image, writing))
+    image = Format.STEREO if format_ is VideoFormat.STEREO else Format.PREVIEW
+    writer = cast("PreviewWriter | StereoWriter", writer_of(image, writing))
     chosen = preview_codec(format_, codec)
     return PreviewVideoOutput(target, timing, writer, guard, codec=chosen, audio=audio)
 

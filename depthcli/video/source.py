@@ -1,6 +1,10 @@
-"""The frames of a video, upright and with their times."""
+"""The frames of a video, upright and with their times, and the lens that it states."""
 
+import mmap
+import re
+import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -13,12 +17,12 @@ from av.video.stream import VideoStream
 from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixel_count
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, Message, UsageError
+from depthcli.io.images.heif import boxes
 from depthcli.io.marks import COMMENT_PREFIX, LABEL_PREFIX
 from depthcli.video import frames as clock
 from depthcli.video.container import InputPipe, LiveStream, open_video, pipe_advice, video_streams
 from depthcli.video.converter import FrameConverter
 from depthcli.video.decoder import FrameDecoder, is_incomplete_matroska
-from depthcli.video.facts import focal_lengths
 from depthcli.video.numbering import is_sequence
 
 # Streams without a container, whose average rate FFmpeg sets to 25 whatever they state.
@@ -222,6 +226,67 @@ class VideoSource(clock.FrameSource):
     def _report_lost(self) -> None:
         if self._timeline.lost:
             self.problem = f"it is damaged: {self._timeline.lost} frames cannot be decoded"
+
+
+_FOCAL_35MM = "camera.focal_length.35mm_equivalent"
+_LENS = re.compile(r"focal|lens", re.IGNORECASE)
+_LENGTH = re.compile(r"(\d+(?:\.\d+)?) ?(?:mm)?", re.ASCII)
+_LENS_LENGTH = re.compile(r"(\d+(?:\.\d+)?) ?mm", re.ASCII)  # as in "back camera 6.765mm f/1.78"
+_TEXT, _FLOAT32, _FLOAT64 = 1, 23, 24  # well-known types of QuickTime's metadata
+
+
+def focal_lengths(
+    path: Path | None, container: InputContainer
+) -> tuple[float | None, float | None]:
+    """35-mm equivalent and lens length of a video in mm; of a pipe, what FFmpeg passes on."""
+    tags = dict(container.metadata)
+    if path is not None and container.format.name.startswith("mov"):
+        tags |= _quicktime_tags(path)
+    equivalent_mm = lens_mm = None
+    for key, text in tags.items():
+        if key.lower().endswith(_FOCAL_35MM):
+            match = _LENGTH.fullmatch(text.strip())
+            equivalent_mm = float(match[1]) or None if match else None
+        elif _LENS.search(key) and (match := _LENS_LENGTH.search(text)):
+            lens_mm = float(match[1])
+    return equivalent_mm, lens_mm
+
+
+def _quicktime_tags(path: Path) -> dict[str, str]:
+    """QuickTime's metadata of the file and its tracks, of which FFmpeg leaves out most."""
+    tags: dict[str, str] = {}
+    with (
+        suppress(OSError, ValueError),  # of a pipe with a name, which has no map
+        path.open("rb") as file,
+        mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data,
+    ):
+        for moov in boxes(data, b"moov", 0, len(data)):
+            for place in (moov, *boxes(data, b"trak", *moov)):
+                for meta in boxes(data, b"meta", *place):
+                    tags = dict(_items(data, *meta)) | tags  # the first of a name counts
+    return tags
+
+
+def _items(data: mmap.mmap, start: int, end: int) -> Iterator[tuple[str, str]]:
+    """Names and values of a metadata box."""
+    names = []
+    for at, stop in boxes(data, b"keys", start, end):
+        names += [data[i + 4 : j] for i, j in boxes(data, None, at + 8, stop, head=4)]
+    for ilst in boxes(data, b"ilst", start, end):
+        for at, stop in boxes(data, None, *ilst):
+            number = int.from_bytes(data[at - 4 : at])
+            for i, j in boxes(data, b"data", at, stop):
+                if 0 < number <= len(names) and i + 8 <= j:
+                    name = names[number - 1].decode("utf-8", "replace")
+                    yield name, _value(int.from_bytes(data[i : i + 4]), data[i + 8 : j])
+
+
+def _value(kind: int, data: bytes) -> str:
+    if kind == _TEXT:
+        return data.decode("utf-8", "replace")
+    if (kind, len(data)) in {(_FLOAT32, 4), (_FLOAT64, 8)}:
+        return f"{struct.unpack('>f' if kind == _FLOAT32 else '>d', data)[0]:g}"
+    return f"{int.from_bytes(data[:8])}"
 
 
 def open_frames(

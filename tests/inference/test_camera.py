@@ -14,8 +14,7 @@ from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
 from depthcli.core.types import Frame, Provenance
 from depthcli.errors import InputError
 from depthcli.inference.camera import focal_warnings
-from depthcli.inference.pipeline import Pipeline
-from depthcli.inference.trial import try_session
+from depthcli.inference.pipeline import Pipeline, try_session
 
 FITS: tuple[dict[str, Any], ...] = (
     {"input__fit": "stretch"},

@@ -26,10 +26,15 @@ from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, CameraSour
 from depthcli.core.options import DepthFit, DepthMask, UpsamplingOptions
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, ModelError, UsageError
-from depthcli.inference.pipeline import Pipeline, Prediction, _range_warnings
+from depthcli.inference.pipeline import (
+    Pipeline,
+    Prediction,
+    _range_warnings,
+    depth_for_trial,
+    try_session,
+)
 from depthcli.inference.point_map import depth_of_points
 from depthcli.inference.session import Session
-from depthcli.inference.trial import depth_for_trial, try_session
 from depthcli.known.points import KnownDepth
 from depthcli.models.catalog import find_model
 

@@ -12,7 +12,7 @@ import pytest
 from helpers.tiny import load, write_model
 
 from depthcli.errors import ProviderError, UsageError
-from depthcli.inference import providers, session
+from depthcli.inference import session
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model
@@ -22,7 +22,7 @@ REAL = ort.InferenceSession
 
 def built_with(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     """Let this onnxruntime look like a build that has these providers."""
-    full = [providers.PROVIDERS[name] for name in names]
+    full = [session.PROVIDERS[name] for name in names]
     monkeypatch.setattr(ort, "get_available_providers", lambda: full)
 
 
@@ -36,7 +36,7 @@ def starting(monkeypatch: pytest.MonkeyPatch, broken: str) -> list[list[str]]:
 
     def start(data: bytes, options: Any, stated: list[Any], **others: Any) -> Any:
         wanted.append([name for name, _ in stated])
-        if providers.PROVIDERS[broken] in wanted[-1]:
+        if session.PROVIDERS[broken] in wanted[-1]:
             raise RuntimeError("no such device\nsecond line")
         return REAL(data, options, ["CPUExecutionProvider"], **others)
 
@@ -58,23 +58,23 @@ def test_auto_tries_the_best_first_and_never_tensorrt(
     monkeypatch: pytest.MonkeyPatch, there: tuple[str, ...], expected: tuple[str, ...]
 ) -> None:
     built_with(monkeypatch, *there)
-    assert providers.wanted_providers("auto") == expected
+    assert session.wanted_providers("auto") == expected
 
 
-@pytest.mark.parametrize("name", [n for n in providers.PROVIDERS if n != "cpu"])
+@pytest.mark.parametrize("name", [n for n in session.PROVIDERS if n != "cpu"])
 def test_a_named_provider_that_is_absent_fails(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     built_with(monkeypatch, "cpu")
     with pytest.raises(ProviderError, match=rf"'{name}' is not in this .* \(it has cpu\)") as told:
-        providers.wanted_providers(name)
-    assert ("pip install" in str(told.value)) == (name in providers._PACKAGES)
+        session.wanted_providers(name)
+    assert ("pip install" in str(told.value)) == (name in session._PACKAGES)
     with pytest.raises(UsageError):
-        providers.wanted_providers(f"{name}s")
+        session.wanted_providers(f"{name}s")
 
 
-@pytest.mark.parametrize("name", providers.PROVIDERS)
+@pytest.mark.parametrize("name", session.PROVIDERS)
 def test_a_named_provider_is_tried_alone(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    built_with(monkeypatch, *providers.PROVIDERS)
-    assert providers.wanted_providers(name) == (name,)
+    built_with(monkeypatch, *session.PROVIDERS)
+    assert session.wanted_providers(name) == (name,)
 
 
 def test_auto_takes_less_and_says_so(monkeypatch: pytest.MonkeyPatch, model_folder: Path) -> None:

@@ -6,8 +6,8 @@ import pytest
 from helpers.tiny import fixed_inside, write_model
 
 from depthcli.errors import InputError, ModelError
+from depthcli.inference.pipeline import check_network
 from depthcli.inference.session import Session
-from depthcli.inference.trial import check_network
 from depthcli.models.catalog import find_model
 
 ERROR = ModelError("no depth of a.png")

@@ -9,7 +9,7 @@ from pathlib import Path
 import av
 import pytest
 
-from depthcli.inference import providers
+from depthcli.inference import session
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.session import Session
 from depthcli.io.images import opencv as codecs
@@ -81,7 +81,7 @@ def test_packages_are_compared_with_what_is_required(monkeypatch: pytest.MonkeyP
 @pytest.mark.usefixtures("models")
 @pytest.mark.filterwarnings("ignore:Specified provider")
 def test_partly_working_provider_or_codec_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(providers, "available_providers", lambda: ("tensorrt", "rocm", "cpu"))
+    monkeypatch.setattr(session, "available_providers", lambda: ("tensorrt", "rocm", "cpu"))
     monkeypatch.setattr(codecs, "can_round_trip", lambda suffix: suffix != ".webp")
     load = SessionLoader.load
 

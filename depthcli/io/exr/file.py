@@ -218,7 +218,7 @@ def write_exr(
 def read_exr_rate(path: Path) -> Fraction | None:
     """Frames a second that the header of the first part states; None if it does not."""
     try:
-        with _opened(path) as file, silenced():
+        with _opened(path) as file:  # of which OpenEXR prints nothing
             return stated_rate(OpenEXR.File(file, header_only=True).header())
     except OPENEXR_ERRORS as error:
         raise InputError(f"{path} is not an EXR file that can be read") from error

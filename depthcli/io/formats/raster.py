@@ -16,8 +16,9 @@ from depthcli.io.images.read import OPENCV_MAX_PIXELS, check
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, stored_depth
 
-_PFM = re.compile(rb"(P[Ff])\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]+)(?:\r\n|\s)")
-COLMAP_MAP = re.compile(rb"(\d{1,9})&(\d{1,9})&(\d{1,9})&")
+_PFM = re.compile(rb"Pf\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]+)(?:\r\n|\s)")
+COLMAP_MAP = re.compile(rb"(\d{1,9})&(\d{1,9})&\d{1,9}&")
+_COLMAP_DEPTH = re.compile(rb"(\d{1,9})&(\d{1,9})&0*1&")
 _TIFF_UNCOMPRESSED = 1
 
 
@@ -49,10 +50,8 @@ class FloatWriter:
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     """Depth of a gray file of any program, in the format that its suffix names."""
     suffix, data, several = path.suffix.lower(), read_bytes(path), None
-    if suffix == ".pfm":
-        values = _pfm(data, path)
-    elif suffix == ".bin":
-        values = _colmap(data, path)
+    if suffix in {".pfm", ".bin"}:
+        values = _plain_floats(data, path)
     else:
         image = check(data, str(path), OPENCV_MAX_PIXELS)
         values, several = image.decode().pixels, image.header.warning
@@ -69,29 +68,16 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     return replace(result, warnings=(*result.warnings, unit))
 
 
-def _pfm(data: bytes, path: Path) -> AnyArray:
-    """The pixels of a PFM, whose scale OpenCV would multiply: Middlebury's is 1/255."""
-    head = _PFM.match(data)
+def _plain_floats(data: bytes, path: Path) -> AnyArray:
+    """The pixels of a PFM, whose scale (Middlebury's is 1/255) OpenCV would multiply, or COLMAP."""
+    is_pfm = path.suffix.lower() == ".pfm"
+    head = (_PFM if is_pfm else _COLMAP_DEPTH).match(data)
     if head is None:
-        raise InputError(f"{path} is not a portable float map that can be read")
-    kind, width, height, scale = head.groups()
-    if kind != b"Pf":
-        raise InputError(f"{path} is not gray, so it holds no depth")
-    order = "<f4" if scale.startswith(b"-") else ">f4"
-    return _floats(data[head.end() :], order, int(width), int(height), path)[::-1]
-
-
-def _colmap(data: bytes, path: Path) -> AnyArray:
-    head = COLMAP_MAP.match(data)
-    if head is None:
-        raise InputError(f"{path} is not a dense map of COLMAP")
-    width, height, channels = head.groups()
-    if int(channels) != 1:
-        raise InputError(f"{path} holds {int(channels)} channels, as normals have, not depth")
-    return _floats(data[head.end() :], "<f4", int(width), int(height), path)
-
-
-def _floats(data: bytes, order: str, width: int, height: int, path: Path) -> AnyArray:
-    if not width or not height or len(data) < 4 * width * height:
+        kind = "gray portable float map" if is_pfm else "dense map of COLMAP of one channel"
+        raise InputError(f"{path} is not a {kind}, so it holds no depth")
+    width, height = int(head[1]), int(head[2])
+    if not width or not height or len(data) - head.end() < 4 * width * height:
         raise InputError(f"{path} is truncated or damaged", "copy it again")
-    return np.frombuffer(data, order, width * height).reshape(height, width)
+    order = ">f4" if is_pfm and not head[3].startswith(b"-") else "<f4"
+    values = np.frombuffer(data, order, width * height, head.end()).reshape(height, width)
+    return values[::-1] if is_pfm else values

@@ -10,7 +10,7 @@ from enum import StrEnum
 from functools import partial
 from pathlib import PurePath
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 from depthcli.io.formats.options import (
     ExrOptions,
@@ -108,19 +108,22 @@ _exact = partial(_readable, is_exact=True)
 _floats = partial(FormatFacts, "raster:FloatWriter", is_readable=True, is_exact=True)
 
 
-class Format(StrEnum):
-    """Output formats of an image's depth; the values of ``--format``.
+class TableOfFormats(StrEnum):
+    """Formats, whose members are their word and their facts."""
 
-    A member is its name and its :class:`FormatFacts`; a new one needs no change elsewhere.
-    """
+    facts: Any
 
-    facts: FormatFacts
-
-    def __new__(cls, word: str, *facts: FormatFacts) -> Self:  # noqa: D102 - Format("exr") is typed
+    def __new__(cls, word: str, *facts: Any) -> Self:  # noqa: ANN401, D102 - Format("exr") is typed
         member = str.__new__(cls, word)
         member._value_ = word
         (member.facts,) = facts
         return member
+
+
+class Format(TableOfFormats):
+    """Output formats of an image's depth, the values of ``--format``; a new one is a line here."""
+
+    facts: FormatFacts
 
     PNG16 = "png16", _steps("png16:Png16Writer", ".depth.png", ".png", _PNG_MARK)
     EXR = "exr", _exact("exr:ExrWriter", ".depth.exr", ".exr", EXR_MARK, _EXR, has_overscan=True)

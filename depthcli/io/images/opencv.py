@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from depthcli.core.arrays import AnyArray
 from depthcli.errors import InputError
@@ -98,7 +97,7 @@ IMAGE_SUFFIXES = (".jpg", ".png", ".tiff", ".webp", ".avif", ".bmp")  #: that Op
 # What OpenCV logs about a damaged file is raised as an error, with the name of the file.
 getattr(cv2.utils, "logging", cv2).setLogLevel(0)  # OpenCV 4 has it in cv2 itself
 _FLAGS = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-_GRAY_ALPHA, _RANK_OF_COLOUR = 2, 3
+_GRAY_ALPHA, _WITH_ALPHA, _RANK_OF_COLOUR = 2, (2, 4), 3
 
 
 def decode_with_opencv(data: bytes, *, has_alpha: bool = False, flags: int = _FLAGS) -> Decoded:
@@ -109,8 +108,15 @@ def decode_with_opencv(data: bytes, *, has_alpha: bool = False, flags: int = _FL
             "is damaged, or of a variant that cannot be decoded", "copy it again or convert it"
         )
     exif = metadata[0].tobytes() if len(metadata) else b""
-    is_more = has_alpha and pixels.ndim == _RANK_OF_COLOUR and pixels.shape[2] in (2, 4)
-    return Decoded(_without_alpha(pixels), exif, alpha=pixels[..., -1] if is_more else None)
+    channels = pixels.shape[2] if pixels.ndim == _RANK_OF_COLOUR else 1
+    alpha = pixels[..., -1] if has_alpha and channels in _WITH_ALPHA else None
+    if channels <= _GRAY_ALPHA:
+        colours = pixels.reshape(*pixels.shape[:2], channels)[..., 0]
+    elif pixels.dtype in (np.uint8, np.uint16, np.float32):
+        colours = cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)  # of four channels as well
+    else:
+        colours = pixels[..., 2::-1]
+    return Decoded(colours, exif, alpha=alpha)
 
 
 decode_gif = decode_webp = partial(decode_with_opencv, has_alpha=True)
@@ -142,12 +148,3 @@ def can_round_trip(suffix: str) -> bool:
         return bool(ok) and cv2.imdecode(data, cv2.IMREAD_UNCHANGED) is not None
     except cv2.error:
         return False
-
-
-def _without_alpha(pixels: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
-    channels = pixels.shape[2] if pixels.ndim == _RANK_OF_COLOUR else 1
-    if channels in (1, _GRAY_ALPHA):
-        return pixels.reshape(*pixels.shape[:2], channels)[..., 0]
-    if pixels.dtype in (np.uint8, np.uint16, np.float32):
-        return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)  # type: ignore[arg-type] # four as well
-    return pixels[..., 2::-1]

@@ -116,17 +116,13 @@ def read_bytes(path: Path, first: int = -1) -> bytes:
     """Content of an input file, or its ``first`` bytes."""
     try:
         return read_regular(path, _MAX_INPUT_BYTES, first=first)
-    except FileNotFoundError as error:
-        if isinstance(path, RemotePath):
-            raise InputError(f"{path} cannot be read: {error.strerror}") from None
-        what = "is a broken link" if path.is_symlink() else "is missing: no such file"
-        raise InputError(f"{path} {what}") from None
-    except IsADirectoryError:
-        raise InputError(
-            f"{path} is a folder", "name the files in it, or give it to 'depthcli batch'"
-        ) from None
     except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from None
+        problem, advice = f"cannot be read: {error.strerror}", ""
+        if isinstance(error, IsADirectoryError):
+            problem, advice = "is a folder", "name the files in it, or give it to 'depthcli batch'"
+        elif isinstance(error, FileNotFoundError) and not isinstance(path, RemotePath):
+            problem = "is a broken link" if path.is_symlink() else "is missing: no such file"
+        raise InputError(f"{path} {problem}", advice) from None
 
 
 def regular_size(path: Path) -> int:

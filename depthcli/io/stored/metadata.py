@@ -145,7 +145,7 @@ def of_size(
         scale = width / own[0]
         if focal_px := positive_number(metadata.get("focal_px")):
             texts["focal_px"] = _value_text(focal_px * scale)
-        if centre := _centre_px(metadata.get("centre_px")):
+        if centre := _pair(metadata.get("centre_px")):
             x, y = ((along + 0.5) * scale - 0.5 for along in centre)
             texts["centre_px"] = _value_text((x, y))
         texts["camera_size_px"] = f"{width},{height}"
@@ -170,7 +170,7 @@ def provenance_of(metadata: Mapping[str, str]) -> Provenance:
         focal_px=positive_number(metadata.get("focal_px")),
         orientation=int(orientation) if orientation in _ORIENTATIONS else None,
         camera_source=CameraSource(source) if source in tuple(CameraSource) else None,
-        centre_px=_centre_px(metadata.get("centre_px")),
+        centre_px=_pair(metadata.get("centre_px")),
         time_s=number(metadata.get("time_s")),
         anchor_fit=_anchor_fit(metadata.get("anchors")),
         pixel_aspect=pixel_aspect_in(metadata.get("pixel_aspect")),
@@ -205,7 +205,7 @@ def _number_list(text: str | None) -> list[float | None]:
     return [number(part) for part in (text or "").split(",")]
 
 
-def _centre_px(text: str | None) -> tuple[float, float] | None:
+def _pair(text: str | None) -> tuple[float, float] | None:
     match _number_list(text):
         case [float(x), float(y)]:
             return x, y
@@ -213,10 +213,8 @@ def _centre_px(text: str | None) -> tuple[float, float] | None:
 
 
 def _size_px(text: str | None) -> tuple[int, int] | None:
-    match _number_list(text):
-        case [float(width), float(height)] if width >= 1 and height >= 1:
-            return int(width), int(height)
-    return None
+    pair = _pair(text)
+    return (int(pair[0]), int(pair[1])) if pair and min(pair) >= 1 else None
 
 
 def _anchor_fit(text: str | None) -> AnchorFit | None:

@@ -19,9 +19,8 @@ from depthcli.core.progress import Progress
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, ModelError, about, os_errors_as
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.pipeline import Pipeline, check_network
 from depthcli.inference.session import Session
-from depthcli.inference.trial import check_network
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest import CacheKey, KnownDepthEntry, output_entry
 from depthcli.io.media import is_archive, is_bag

@@ -268,7 +268,7 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     if request.settings.segment_s is not None:
         names, first_segment = _segments(names, folder, request)
     for format_ in names:
-        if format_.facts.is_preview:
+        if format_.facts.shows_image:
             formats.preview_codec(format_, request.codec)
     plan = VideoPlan(
         name=paths.safe_name(name),
@@ -293,7 +293,7 @@ def _segments(
 
     Those of a stream follow the ones that an earlier run wrote, which cannot be made again.
     """
-    videos = [kind for kind in names if kind.facts.is_preview or kind is VideoFormat.MKV]
+    videos = [kind for kind in names if kind.facts.shows_image or kind is VideoFormat.MKV]
     if not videos or STDIO in names.values() or isinstance(folder, paths.RemotePath):
         problem = "only video files in a local folder have a limited length"
         raise UsageError(problem, "choose another {out}", option="segment")

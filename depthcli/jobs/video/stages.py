@@ -222,8 +222,8 @@ def _result(
 
 def _range_warnings(plan: VideoPlan, writing: WriterOptions) -> tuple[str, ...]:
     """A warning if normalized frames have no range in common, so that they flicker."""
-    images = [format_.facts.image for format_ in plan.names]
-    are_normalized = writing.is_normalized and any(i and i.facts.range_options for i in images)
+    ranged = (format_.facts.range_options for format_ in plan.names)
+    are_normalized = writing.is_normalized and any(ranged)
     if not are_normalized or None not in {writing.vmin, writing.vmax}:
         return ()
     problem = "the range of each frame is its own, so that equal depth has other numbers in another"

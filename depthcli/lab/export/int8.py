@@ -14,7 +14,7 @@ from torch import nn
 
 from depthcli.core.arrays import Float32Array
 from depthcli.errors import UsageError
-from depthcli.inference.providers import ort
+from depthcli.inference.session import ort
 from depthcli.inference.transforms import prepare
 from depthcli.io.images.read import read_image
 from depthcli.io.listing.folder import list_folder

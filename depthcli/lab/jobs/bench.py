@@ -15,9 +15,8 @@ import numpy as np
 from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.parallel import one_thread_each, ordered_map, share_cores
 from depthcli.inference.loading import SessionLoader
-from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.pipeline import Pipeline, depth_for_trial
 from depthcli.inference.transforms import prepare
-from depthcli.inference.trial import depth_for_trial
 from depthcli.io.formats.png16 import Png16Writer
 from depthcli.io.images.read import read_image
 from depthcli.io.storage.paths import read_bytes
