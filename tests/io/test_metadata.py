@@ -28,7 +28,7 @@ from depthcli.io.formats.table import FORMATS, Format, writer_class
 from depthcli.io.stored.depth import DepthReadOptions, StoredDepth
 from depthcli.io.stored.metadata import DepthScale
 from depthcli.jobs.convert import ConvertRequest, convert
-from depthcli.jobs.predict_images import PredictResult
+from depthcli.jobs.predict import PredictResult
 
 WORDS = {
     CameraSource.OPTION: "hfov 90.0° (given)",

@@ -43,8 +43,7 @@ from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.image import FailedInput
 from depthcli.jobs.outputs import plan_outputs
-from depthcli.jobs.predict import image_destination, predict
-from depthcli.jobs.predict_images import PredictResult
+from depthcli.jobs.predict import PredictResult, image_destination, predict
 from depthcli.jobs.video.plan import VideoResult, VideoSettings, video_destination
 from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo

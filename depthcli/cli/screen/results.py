@@ -16,7 +16,7 @@ from depthcli.errors import SIGNAL_BASE, EngineError, ModelError, UsageError, ab
 from depthcli.io.listing.folder import skip_summary
 from depthcli.io.stored.metadata import camera_text
 from depthcli.jobs.image import FailedInput, depth_facts
-from depthcli.jobs.predict_images import PredictResult
+from depthcli.jobs.predict import PredictResult
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable
