@@ -16,7 +16,7 @@ from depthcli.io.manifest import WHOLE, Shard
 from depthcli.io.media import ARCHIVE_SUFFIXES, is_archive, is_video
 from depthcli.io.storage import paths
 from depthcli.io.tables import read_lenses
-from depthcli.jobs.output_names import OutputNames, sharing_stem, stem
+from depthcli.jobs.outputs import OutputNames, sharing_stem, stem
 from depthcli.video.formats import VideoFormat
 
 

@@ -14,8 +14,15 @@ from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, format_of
 from depthcli.io.storage import atomic, paths
-from depthcli.jobs.output_names import output_bases, stem
-from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind, MapOptions
+from depthcli.jobs.outputs import (
+    STDIO,
+    Destination,
+    FormatRules,
+    Kind,
+    MapOptions,
+    output_bases,
+    stem,
+)
 from depthcli.video import container, formats, numbering
 from depthcli.video.container import LiveStream
 from depthcli.video.formats import SEQUENCES, PreviewCodec, VideoFormat
