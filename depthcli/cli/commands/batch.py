@@ -299,25 +299,24 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
     from depthcli.io.listing.folder import NameFilter
     from depthcli.io.manifest import WHOLE, Shard
     from depthcli.io.storage.paths import path_of
-    from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
+    from depthcli.jobs.batch.plan import plan_files, plan_folder
 
     files, column = inputs.files, inputs.column
     shard = WHOLE if inputs.shard is None else Shard.parse(inputs.shard)
     if not out:
         raise UsageError("", "name the folder for outputs with {out}")
     names_filter = NameFilter.of(inputs.include or (), inputs.exclude or ())
-    table = read_cameras(cameras) if cameras is not None else None
     archive = next((x for x in (folder, files) if x and holds_images(path_of(x), column)), None)
     if archive is not None:
         root = str(path_of(archive).parent)
-        return plan_files([archive], archive, root, out, names_filter, shard, table)
+        return plan_files([archive], archive, root, out, names_filter, shard, cameras)
     if column is not None and files in (None, _STDIO):
         raise UsageError("", "{column} is for a Parquet or CSV file: name it with {files}")
     if files is None and folder is None:
         raise UsageError("", "name a folder, or give a list with {files}")
     if files is None:
-        return plan_folder(folder or "", out, names_filter, shard, table)
+        return plan_folder(folder or "", out, names_filter, shard, cameras)
     with os_errors_as(UsageError, "cannot read the list from standard input"):
         stdin = sys.stdin.buffer.read() if files == _STDIO else b""
     words = path_list.parse_list(stdin) if files == _STDIO else path_list.read_list(files, column)
-    return plan_files(words, files, folder, out, names_filter, shard, table)
+    return plan_files(words, files, folder, out, names_filter, shard, cameras)
