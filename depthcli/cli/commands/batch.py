@@ -198,10 +198,9 @@ def batch(
         max_failures=engine.max_failures,
         may_spawn=True,
     )
-    if not screen.quiet:
-        console.warn_all(parse.unused_by_outputs(explicit, formats, options.writing))
-        if inputs.watch and not output.dry_run:
-            console.note(f"watching {folder}; Ctrl-C ends")
+    screen.warn_all(parse.unused_by_outputs(explicit, formats, options.writing))
+    if inputs.watch and not (output.dry_run or screen.quiet):
+        console.note(f"watching {folder}; Ctrl-C ends")
     if output.dry_run:
         planned = dry_run(request, loading.result())
         would_fail = results.print_dry_run(planned, plan, as_json=screen.as_json)

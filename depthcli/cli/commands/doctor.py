@@ -4,8 +4,7 @@ import dataclasses
 
 import typer
 
-from depthcli.cli import completion
-from depthcli.cli.options import JsonOption
+from depthcli.cli.options import JsonOption, models, providers
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.errors import ExitCode
@@ -16,13 +15,13 @@ def doctor(
         None,
         "--model",
         metavar="MODEL",
-        autocompletion=completion.models,
+        autocompletion=models,
         help="Model to check, by name or path.",
     ),
     provider: str = typer.Option(
         "auto",
         metavar="NAME",
-        autocompletion=completion.providers,
+        autocompletion=providers,
         help="Execution provider to check.",
     ),
     as_json: JsonOption = False,

@@ -35,7 +35,6 @@ _OPTIONS = {
     "eye_distance_m": "eye-distance",
     "convergence_m": "convergence",
 }  #: names of options that differ from those of their parameters
-SETTINGS = {"progress": "auto"}  #: of the command line that runs
 _bars: list[Progress] = []  #: the active progress bar, if there is one
 
 

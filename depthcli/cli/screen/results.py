@@ -63,9 +63,9 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
             of_input = (text for text in result.row.warnings if text not in batch.warnings)
             console.warn_all(of_input, name=result.row.input)
 
-    console.warn_all(() if quiet else batch.warnings)
+    screen.warn_all(batch.warnings)
     try:
-        with show_progress(silent=quiet or as_json) as progress, closing(batch):
+        with show_progress(screen) as progress, closing(batch):
             stage = progress.begin("", tally.total, "inputs")
             for result in batch:
                 show(result)
@@ -259,7 +259,7 @@ def print_conversions(
     failures, warned = list[FailedInput](), list[str]()  # the first warning of each frame
     converted, lost, max_error, in_metres = 0, 0, -1.0, " m"
     _warn_of_loops(plan.loops if plan and not screen.quiet else ())
-    with show_progress(silent=screen.quiet or screen.as_json) as progress, closing(results):
+    with show_progress(screen) as progress, closing(results):
         stage = progress.begin("", len(plan.inputs) if plan else None, unit)
         for result in results:
             stage.file = result.name if isinstance(result, FailedInput) else result.source
@@ -289,7 +289,7 @@ def print_conversions(
         trips = f"; round trip: max error {max_error:.3g}{in_metres}, {lost} pixels lost"
         text = ", ".join(parts) + (trips if max_error >= 0 else "")
         (console.note if screen.as_json else console.out)(text)
-    if warned and not (screen.quiet or screen.as_json):
+    if warned and screen.shows_text:
         first = console.worded(warned[0])
         console.warn(f"{len(warned)} {unit} have warnings, the first: {first}")
     return len(failures)
