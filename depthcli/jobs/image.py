@@ -11,15 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, TypeAlias
 
+from depthcli.core import types
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.types import (
-    DepthMap,
-    DepthRange,
-    Frame,
-    displayed_depth,
-    displayed_frame,
-    has_depth,
-)
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import DepthcliError, OutputError, about, is_out_of_memory, os_errors_as
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, Prediction
@@ -108,7 +102,7 @@ class ImageJob:
         for format_, target in task.outputs.items():
             warnings += write_output(self.writing, format_, depth, frame, target)
         _log(task, f"{len(task.outputs)} outputs", begin_s)
-        displayed = displayed_depth(depth, frame.windows)
+        displayed = types.displayed_depth(depth, frame.windows)
         return ImageResult(displayed, depth, tuple(dict.fromkeys(warnings)), shared)
 
 
@@ -146,8 +140,8 @@ def _write(
     options: WriterOptions, format_: Format, depth: DepthMap, frame: Frame, path: Path
 ) -> tuple[str, ...]:
     if not format_.facts.has_overscan:
-        depth, frame = displayed_depth(depth, frame.windows), displayed_frame(frame)
-    if not (has_depth(depth.values[::16, ::16], depth.kind).any() or depth.valid.any()):
+        depth, frame = types.displayed_depth(depth, frame.windows), types.displayed_frame(frame)
+    if not (types.has_depth(depth.values[::16, ::16], depth.kind).any() or depth.valid.any()):
         raise OutputError("no pixel has depth, so nothing is written")
     return writer_of(format_, options).write(depth, path, frame)
 
@@ -157,7 +151,7 @@ def depth_facts(depth: DepthMap) -> dict[str, Any]:
     return {
         "kind": depth.kind.value,
         "unit": depth.unit,
-        **DepthRange.of(depth)._asdict(),
+        **types.DepthRange.of(depth)._asdict(),
         "width": depth.width,
         "height": depth.height,
         **origin_fields(depth),

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from depthcli.core.progress import Progress
-    from depthcli.inference.loading import SessionLoader
     from depthcli.jobs.batch.plan import BatchPlan
     from depthcli.jobs.batch.ray import RayEngine
 
@@ -163,13 +162,17 @@ def batch(
     """
     from depthcli.cli import parse
     from depthcli.cli.screen import console
+    from depthcli.core.parallel import share_cores
 
     how = parse.map_options(camera, anchors, read, detail, writing, is_folder=True)
     chosen = _scene_formats(output, how) or output.formats or (Format.PNG16,)
     formats = (*chosen, *([Format.JSON] if output.sidecar else ()))
     changed = _changes(folder, output.out, inputs, camera.cameras)
     plan = _plan(folder, output.out, inputs, camera.cameras)
-    loader = _loader(engine, model)
+    threads = model.runtime.threads or max(1, int(engine.cpus_per_worker or 1))
+    if not engine.is_ray:
+        _, threads = share_cores(engine.workers, model.runtime.threads)
+    loader = parse.session_loader(model.model, model.runtime, threads)
     # The driver of a cluster need not have the workers' GPUs.
     here = replace(loader, provider="cpu", provider_options={})
     loading = (here if engine.is_ray else loader).start()
@@ -265,18 +268,6 @@ def _changes(
             yield replace(plan, inputs=tuple(files), skipped=())
 
     return plans
-
-
-def _loader(engine: EngineOptions, model: groups.ModelOptions) -> SessionLoader:
-    from depthcli.cli import parse
-    from depthcli.core.parallel import share_cores
-
-    threads = model.runtime.threads
-    if engine.is_ray:
-        threads = threads or max(1, int(engine.cpus_per_worker or 1))
-    else:
-        _, threads = share_cores(engine.workers, threads)
-    return parse.session_loader(model.model, model.runtime, threads)
 
 
 def _ray(options: EngineOptions, progress: Progress) -> RayEngine:

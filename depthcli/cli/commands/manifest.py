@@ -24,15 +24,13 @@ def show_summary(out: _Manifest, as_json: JsonOption = False) -> int:
     sums = summarize(read_rows(path_of(out)))
     if problem := damage(path_of(out)):
         console.warn(problem)
-    if as_json:
-        console.out_json(asdict(sums))
-        return ExitCode.OK
-    console.out(f"{sums.inputs} inputs: {sums.inputs - sums.failed} ok, {sums.failed} failed")
-    console.out(f"{sums.outputs} outputs, {sums.output_bytes / 1e6:.1f} MB")
-    console.out(f"{sums.seconds:.1f} s of processing time")
+    lines = [f"{sums.inputs} inputs: {sums.inputs - sums.failed} ok, {sums.failed} failed"]
+    lines.append(f"{sums.outputs} outputs, {sums.output_bytes / 1e6:.1f} MB")
+    lines.append(f"{sums.seconds:.1f} s of processing time")
     for model in sums.models:
         by = f"model {model.model} ({model.model_sha256[:12]}), depthcli {model.version}"
-        console.out(one_line(f"{model.inputs} by {by}"))
+        lines.append(f"{model.inputs} by {by}")
+    console.show(asdict(sums), *lines, as_json=as_json)
     return ExitCode.OK
 
 
@@ -42,11 +40,9 @@ def list_failed(out: _Manifest, as_json: JsonOption = False) -> int:
     from depthcli.jobs.batch.manifests import read_rows
 
     for row in read_rows(path_of(out)):
-        if row.status != FAILED:
-            continue
-        if as_json:
+        if row.status == FAILED and as_json:
             console.out_json(row.as_json())
-        else:
+        elif row.status == FAILED:
             console.out(f"{one_line(row.input)}\t{one_line(row.error or '')}")
     return ExitCode.OK
 
@@ -60,10 +56,7 @@ def merge_parts(
     from depthcli.jobs.batch.manifests import merge_manifests
 
     path = str(merge_manifests(path_of(out)))
-    if as_json:
-        console.out_json({"manifest": path})
-    else:
-        console.out(one_line(f"manifest: {path}"))
+    console.show({"manifest": path}, f"manifest: {path}", as_json=as_json)
     return ExitCode.OK
 
 

@@ -66,6 +66,14 @@ def out_json(values: Mapping[str, object]) -> None:
         sys.stdout.flush()
 
 
+def show(facts: Mapping[str, object], *lines: str, as_json: bool) -> None:
+    """Print a result to standard output: an object, or lines of text."""
+    if as_json:
+        out_json(facts)
+    for line in () if as_json else lines:
+        out(one_line(line))
+
+
 def worded(text: str) -> str:
     """A message with the names of options; another text as it is."""
     if isinstance(text, Message):
