@@ -7,9 +7,8 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 from depthcli.lab.training.config import GeneratorConfig
-from depthcli.lab.training.networks.layers import BlurDown, InstanceNorm
 from depthcli.lab.training.networks.patch import PatchGan, PatchSampler, SimilarityMap
-from depthcli.lab.training.networks.resnet import ResnetGenerator
+from depthcli.lab.training.networks.resnet import BlurDown, InstanceNorm, ResnetGenerator
 
 TAP_CHANNELS = {"input": 1, "down1": 128, "down2": 256, "block1": 256, "block5": 256}
 
