@@ -210,25 +210,19 @@ class DepthModel:
             )
 
         def predicted(batch: list[_Reader]) -> list[_Displayed | Exception]:
-            frames, problem = list[Frame](), list[_Displayed | Exception]()
-            for read, _ in batch:
+            tasks, problem = list[ImageTask](), list[Exception]()
+            for read, of_image in batch:
                 try:
-                    frames.append(read())
+                    tasks.append(ImageTask(read(), camera, of_image))
                 except Exception as error:  # noqa: BLE001 - raised at its position
                     problem.append(error)
                     break
-            tasks = [
-                ImageTask(frame, camera, points)
-                for frame, (_, points) in zip(frames, batch, strict=False)
-            ]
-            results = zip(self._job.run_many(tasks), frames, strict=True)
-            return [
-                *(
-                    done if isinstance(done, Exception) else _displayed(done, f)
-                    for done, f in results
-                ),
-                *problem,
-            ]
+            results = zip(self._job.run_many(tasks), tasks, strict=True)
+            maps = (
+                done if isinstance(done, Exception) else _displayed(done, task.frame)
+                for done, task in results
+            )
+            return [*maps, *problem]
 
         readers = _readers(zip(images, points_each, strict=anchors_each is not None), white_level)
         batches = iter(lambda: list(itertools.islice(readers, batch_size)), [])

@@ -249,8 +249,7 @@ def convert_folder(
     def convert_one(pair: tuple[InputFile, str]) -> ConvertResult | FailedInput:
         file, target = pair
         try:
-            if file.problem is not None:
-                raise InputError(file.problem)  # noqa: TRY301 - as one of reading it
+            file.readable_path()  # raises its problem
             return convert(replace(request, source=file.path, target=target))
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             if not isinstance(error, DepthcliError):

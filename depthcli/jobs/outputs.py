@@ -202,9 +202,7 @@ def _formats_of_pattern(
     if named_format is None or (chosen and named_format not in chosen):
         what = "is a pattern for numbered files, which end in .png, .exr or .npy"
         raise _out_error(path, what, "give such a name, and its {format} with any other")
-    formats: list[FormatT] = [named_format]
-    formats += [kind for kind in chosen if kind != named_format]
-    return tuple(formats)
+    return (named_format, *(kind for kind in chosen if kind != named_format))
 
 
 def _check_suffix(path: Path, format_: FormatT) -> None:

@@ -14,8 +14,11 @@ import typer
 from depthcli.cli import options as groups
 from depthcli.cli.groups import Given, group
 from depthcli.core.options import GPU_BATCH, SceneLayout
+from depthcli.core.parallel import share_cores
 from depthcli.errors import ExitCode, UsageError, os_errors_as
 from depthcli.io.formats.table import Format
+from depthcli.io.listing.folder import NameFilter
+from depthcli.io.storage.paths import RemotePath, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -162,7 +165,6 @@ def batch(
     """
     from depthcli.cli import parse
     from depthcli.cli.screen import console
-    from depthcli.core.parallel import share_cores
 
     how = parse.map_options(camera, anchors, read, detail, writing, is_folder=True)
     chosen = _scene_formats(output, how) or output.formats or (Format.PNG16,)
@@ -179,7 +181,6 @@ def batch(
     # Imported while the model loads.
     from depthcli.cli.process import graceful_shutdown
     from depthcli.cli.screen import results
-    from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
     from depthcli.jobs.batch.tasks import BatchOptions
 
@@ -247,8 +248,6 @@ def _changes(
     """Plans of new and changed files of the folder; none without ``--watch``."""
     if not inputs.watch:
         return lambda _stop: iter(())
-    from depthcli.io.listing.folder import NameFilter
-    from depthcli.io.storage.paths import RemotePath, path_of
     from depthcli.jobs.batch.plan import plan_files
 
     if folder is None or inputs.files or inputs.shard or cameras:
@@ -286,9 +285,7 @@ def _ray(options: EngineOptions, progress: Progress) -> RayEngine:
 def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | None) -> BatchPlan:
     from depthcli.io.archives import holds_images
     from depthcli.io.listing import path_list
-    from depthcli.io.listing.folder import NameFilter
     from depthcli.io.manifest import WHOLE, Shard
-    from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.plan import plan_files, plan_folder
 
     files, column = inputs.files, inputs.column

@@ -7,7 +7,7 @@ from collections import Counter
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
@@ -82,26 +82,24 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
     finally:
         for result in batch.late:
             show(result)
-        _print_failures(batch, quiet=quiet)
-        if not quiet:
-            _print_counts(plan, batch, console.note if as_json else console.out)
-            if resumes and tally.completed < tally.total and not batch.stopped:
-                console.note("stopped early; run the same command again to resume")
+        _print_summary(batch, plan, screen)
+        is_short = tally.completed < tally.total and not batch.stopped
+        if resumes and is_short and not quiet:
+            console.note("stopped early; run the same command again to resume")
 
 
-def _print_failures(batch: Batch, *, quiet: bool) -> None:
-    failures = batch.tally.failures
-    for name, reason in failures:
+def _print_summary(batch: Batch, plan: BatchPlan, screen: ScreenOptions) -> None:
+    tally, elapsed_s = batch.tally, time.monotonic() - batch.tally.start_s
+    for name, reason in tally.failures:
         console.error(about(name, reason))
     if batch.stopped:
         console.error(f"stopped because {batch.stopped}; fix the cause and run it again")
-    if failures and quiet:
-        console.note(f"{len(failures)} of {batch.tally.total} inputs failed")
-
-
-def _print_counts(plan: BatchPlan, batch: Batch, say: Callable[[str], None]) -> None:
-    tally, elapsed_s = batch.tally, time.monotonic() - batch.tally.start_s
+    if screen.quiet:
+        if tally.failures:
+            console.note(f"{len(tally.failures)} of {tally.total} inputs failed")
+        return
     _warn_of_loops(plan.loops)
+    say = console.note if screen.as_json else console.out
     parts = [f"{tally.done - len(tally.failures)} of {tally.total} inputs done"]
     parts += [f"{tally.kept} already done"] if tally.kept else []
     parts += [f"{len(tally.failures)} failed"] if tally.failures else []
@@ -157,12 +155,13 @@ def print_result(
     if isinstance(result, FailedInput):
         print_failed(result, as_json=screen.as_json)
         return
-    outcome: Any = result
-    is_image = isinstance(result, PredictResult)
+    if isinstance(result, PredictResult):
+        facts, text = image_json(result), image_text(result)
+    else:
+        facts, text = video_json(result), video_text(result)
     if screen.as_json:
-        console.out_json(image_json(outcome) if is_image else video_json(outcome))
+        console.out_json(facts)
     elif not screen.quiet:
-        text = image_text(outcome) if is_image else video_text(outcome)
         (console.note if to_stderr else console.out)(text)
         console.warn_all(result.warnings, name=result.name)
     if not isinstance(result, PredictResult) and result.problem:
