@@ -14,7 +14,6 @@ from typer.core import TyperGroup, TyperOption
 from typer.main import get_command
 from typer.models import TyperPath
 
-from depthcli._version import __version__
 from depthcli.cli import table
 from depthcli.cli.groups import USUAL
 from depthcli.cli.screen import console
@@ -69,18 +68,8 @@ app = typer.Typer(
 )
 
 
-def _show_version(is_requested: bool) -> None:
-    if is_requested:
-        console.out(f"{table.PROGRAM} {__version__}")
-        raise typer.Exit
-
-
 @app.callback()
-def _root(
-    version: bool = typer.Option(
-        False, "--version", callback=_show_version, is_eager=True, help="Show the version and exit."
-    ),
-) -> None:
+def _root() -> None:
     """Monocular depth estimation on the command line."""
 
 

@@ -218,7 +218,7 @@ def batch(
 
     with graceful_shutdown(_GRACE_PERIOD_S, on_signal) as interrupt:
         stop = results.StopOnSignal(interrupt)
-        with closing(_ray(engine, stop)) if engine.is_ray else nullcontext() as cluster:
+        with closing(_cluster(engine, stop)) if engine.is_ray else nullcontext() as cluster:
             for each in chain([plan], changed(stopped)):
                 job = Batch(replace(request, plan=each), session, cluster, progress=stop)
                 results.run_batch(job, each, stop, screen)
@@ -269,7 +269,7 @@ def _changes(
     return plans
 
 
-def _ray(options: EngineOptions, progress: Progress) -> RayEngine:
+def _cluster(options: EngineOptions, progress: Progress) -> RayEngine:
     """The cluster; ``progress`` is called with 0 while it works, and can stop it by raising."""
     from depthcli.jobs.batch.ray import RayEngine
 

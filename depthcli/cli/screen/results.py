@@ -155,13 +155,11 @@ def print_result(
     if isinstance(result, FailedInput):
         print_failed(result, as_json=screen.as_json)
         return
-    if isinstance(result, PredictResult):
-        facts, text = image_json(result), image_text(result)
-    else:
-        facts, text = video_json(result), video_text(result)
     if screen.as_json:
+        facts = image_json(result) if isinstance(result, PredictResult) else video_json(result)
         console.out_json(facts)
     elif not screen.quiet:
+        text = image_text(result) if isinstance(result, PredictResult) else video_text(result)
         (console.note if to_stderr else console.out)(text)
         console.warn_all(result.warnings, name=result.name)
     if not isinstance(result, PredictResult) and result.problem:
