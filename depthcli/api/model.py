@@ -200,7 +200,11 @@ class DepthModel:
         camera = Intrinsics.given(focal_px, hfov_deg)
         points = None if anchors is None else known_depth_of(anchors, anchors_fit)
         check_levels(white_level)
-        _check_several(images, batch_size, workers)
+        if batch_size < 1 or workers < 0:
+            raise UsageError("give a batch_size of 1 or more, and workers of 0 or more")
+        is_single = getattr(images, "ndim", _BATCH_RANK) < _BATCH_RANK  # of arrays and tensors
+        if is_single or isinstance(images, _SINGLE) or not hasattr(images, "__iter__"):
+            raise UsageError("predict_many takes several images", "use predict for one")
         if not (anchors is None or anchors_each is None):
             raise UsageError("give anchors of all images, or of each, not both")
         points_each: Iterable[KnownDepth | None] = itertools.repeat(points)
@@ -244,11 +248,3 @@ def _maps(batches: Generator[list[_Displayed | Exception], None, None]) -> Itera
             depth, texts = done
             warn_all(texts)
             yield depth
-
-
-def _check_several(images: object, batch_size: int, workers: int) -> None:
-    if batch_size < 1 or workers < 0:
-        raise UsageError("give a batch_size of 1 or more, and workers of 0 or more")
-    is_single = getattr(images, "ndim", _BATCH_RANK) < _BATCH_RANK  # of arrays and tensors
-    if is_single or isinstance(images, _SINGLE) or not hasattr(images, "__iter__"):
-        raise UsageError("predict_many takes several images", "use predict for one")

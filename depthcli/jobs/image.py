@@ -82,17 +82,13 @@ class ImageJob:
             [task.camera for task in tasks],
             [task.points for task in tasks],
         )
-        return [*map(self._finish_or_error, tasks, predictions)]
-
-    def _finish_or_error(
-        self, task: ImageTask, prediction: Prediction | Exception
-    ) -> ImageResult | Exception:
-        if isinstance(prediction, Exception):
-            return prediction
-        try:
-            return self._finish(task, prediction)
-        except Exception as error:  # noqa: BLE001 - no image may stop the others
-            return error
+        results = list[ImageResult | Exception]()
+        for task, done in zip(tasks, predictions, strict=True):
+            try:
+                results.append(done if isinstance(done, Exception) else self._finish(task, done))
+            except Exception as error:  # noqa: BLE001 - no image may stop the others
+                results.append(error)
+        return results
 
     def _finish(self, task: ImageTask, prediction: Prediction) -> ImageResult:
         frame, depth = task.frame, prediction.depth

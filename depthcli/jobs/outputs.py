@@ -202,7 +202,9 @@ def _formats_of_pattern(
     if named_format is None or (chosen and named_format not in chosen):
         what = "is a pattern for numbered files, which end in .png, .exr or .npy"
         raise _out_error(path, what, "give such a name, and its {format} with any other")
-    return (named_format, *(kind for kind in chosen if kind != named_format))
+    formats: list[FormatT] = [named_format]
+    formats += [kind for kind in chosen if kind != named_format]
+    return tuple(formats)
 
 
 def _check_suffix(path: Path, format_: FormatT) -> None:
@@ -307,18 +309,13 @@ class OutputNames:
         self.names, self._stem = frozenset(names), stem
         shared = sharing_stem(self.names, stem)
         alike = Counter(map(_folded, shared))
-        self.longer = {
-            name: name if alike[_folded(name)] == 1 else f"{name}.{_checksum(name)}"
-            for name in shared
-        }
+        self.longer = {name: name for name in shared}
+        for name in (name for name in shared if alike[_folded(name)] > 1):
+            self.longer[name] += f".{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
 
     def base(self, name: str) -> str:
         """Path of an input's outputs from the output folder, without a suffix."""
         return self.longer.get(name) or self._stem(name)
-
-
-def _checksum(name: str) -> str:
-    return hashlib.sha256(os.fsencode(name)).hexdigest()[:8]
 
 
 def output_bases(sources: Sequence[Path | None]) -> list[str]:

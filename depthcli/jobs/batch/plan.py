@@ -83,7 +83,11 @@ def _planned(
 ) -> BatchPlan:
     """The plan of files, each with why it is no input; the order of a list does not count."""
     paths.check_writable(paths.path_of(out))
-    places, table = listing.RealPaths(), _read_cameras(cameras)
+    try:
+        table = {} if cameras is None else read_lenses(paths.path_of(cameras))
+    except InputError as error:
+        raise UsageError(str(error), option="cameras") from error
+    places = listing.RealPaths()
     inputs, skipped = dict[str, listing.InputFile](), dict[listing.Skipped, None]()
     all_names, like_outputs = set[str](), set[str]()
     for file, refusal in files:
@@ -124,14 +128,6 @@ def _planned(
             _camera_warnings(cameras, len(table), unused, len(inputs), unmatched)
         ),
     )
-
-
-def _read_cameras(source: str | None) -> dict[str, Intrinsics]:
-    """The camera of each id, the path of an input from the folder, with or without its suffix."""
-    try:
-        return {} if source is None else read_lenses(paths.path_of(source))
-    except InputError as error:
-        raise UsageError(str(error), option="cameras") from error
 
 
 def _camera_warnings(
