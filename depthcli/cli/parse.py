@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -284,12 +284,6 @@ def fps(word: str, option: str = "fps") -> Fraction:
         problem = f"{short_repr(word)} is not a frame rate such as 24, 23.976 or 24000/1001"
         raise UsageError(problem, option=option)
     return rate
-
-
-def listed(words: Sequence[str] | None) -> tuple[str, ...]:
-    """Items of comma-separated lists, without duplicates."""
-    items = (word.strip() for word in ",".join(words or ()).split(","))
-    return tuple(dict.fromkeys(filter(None, items)))
 
 
 _NORMALIZED = "png16 with --png-normalize or --png-inverse"

@@ -7,6 +7,7 @@ import os
 import re
 import sys
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, cast
 
 from depthcli.core.options import one_line
@@ -43,15 +44,11 @@ def above(bar: Progress) -> Iterator[None]:
     """Print lines above a progress bar, which is cleared if the process ends."""
     _bars.append(bar)
     try:
-        with exit_hook(_clear_bar):
+        # It clears the line and shows the cursor, without waiting for Rich's lock.
+        with exit_hook(partial(os.write, sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h")):
             yield
     finally:
         _bars.remove(bar)
-
-
-def _clear_bar() -> None:
-    """Clear the line and show the cursor, without waiting for Rich's lock."""
-    os.write(sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h")
 
 
 def out(text: str) -> None:

@@ -35,14 +35,7 @@ class BatchPlan:
     intrinsics: Mapping[str, Intrinsics] = field(default_factory=dict)
     same_stem: frozenset[str] = frozenset()  #: images whose stem is that of another image
     is_part: bool = False  #: whether other files of the folder may be inputs of other batches
-    camera_warnings: tuple[str, ...] = ()  #: what in that table matches no input, and vice versa
-
-    @property
-    def warnings(self) -> Iterator[str]:
-        """Warnings before the start, one line each."""
-        yield from self.camera_warnings
-        if unreadable := listing.conversion_hint(self.skipped):
-            yield unreadable
+    warnings: tuple[str, ...] = ()  #: before the start, one line each
 
     @property
     def images(self) -> Iterator[listing.InputFile]:
@@ -53,10 +46,6 @@ class BatchPlan:
     def videos(self) -> Iterator[listing.InputFile]:
         """The videos, and the archives of images."""
         return (file for file in self.inputs if holds_many(file.name))
-
-    def folders(self) -> set[Path]:
-        """The folders of the outputs."""
-        return {self.out, *((self.out / file.name).parent for file in self.inputs)}
 
 
 def holds_many(name: str) -> bool:
@@ -113,6 +102,9 @@ def _planned(
     used = set(rows.values())
     unused = [row for row in table if row not in used]
     unmatched = len(inputs) - len(intrinsics)
+    warnings = [*_camera_warnings(cameras, len(table), unused, len(inputs), unmatched)]
+    if unreadable := listing.conversion_hint(tuple(skipped)):
+        warnings.append(unreadable)
     return BatchPlan(
         out=paths.path_of(out),
         inputs=tuple(sorted(inputs.values()) if is_list else inputs.values()),
@@ -124,9 +116,7 @@ def _planned(
         intrinsics=intrinsics,
         same_stem=sharing_stem(name for name in names.longer if not is_video(name)),
         is_part=is_list or bool(names_filter.include or names_filter.exclude),
-        camera_warnings=tuple(
-            _camera_warnings(cameras, len(table), unused, len(inputs), unmatched)
-        ),
+        warnings=tuple(warnings),
     )
 
 

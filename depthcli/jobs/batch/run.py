@@ -172,7 +172,9 @@ class Batch(Iterator[BatchResult]):
         self._remove_stale()  # of this run: workers of a cluster can be killed
 
     def _remove_stale(self) -> None:
-        for folder in self._plan.folders() if self._plan.shard == WHOLE else ():
+        out, inputs = self._plan.out, self._plan.inputs
+        folders = {out, *((out / file.name).parent for file in inputs)}
+        for folder in folders if self._plan.shard == WHOLE else ():
             remove_stale(folder)
 
 

@@ -151,7 +151,6 @@ def train(
     screen: options.ScreenOptions,
 ) -> int:
     """Train one or more methods. Run the same command again to resume."""
-    from depthcli.cli.parse import listed
     from depthcli.lab.commands.screen import show_config
     from depthcli.lab.training.settings import resolve_config
 
@@ -171,6 +170,12 @@ def train(
     if config.show_config:
         return ExitCode.OK
     return _train_runs(planned, data, device, follow, screen)
+
+
+def listed(words: list[str] | None) -> tuple[str, ...]:
+    """Items of comma-separated lists, without duplicates."""
+    items = (word.strip() for word in ",".join(words or ()).split(","))
+    return tuple(dict.fromkeys(filter(None, items)))
 
 
 def _train_runs(
