@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 from tools import parse_options, print_cost
 
-from depthcli.io.formats.table import Format
 from depthcli.io.listing.path_list import read_list
 from depthcli.io.manifest import OK, WHOLE, CacheKey, Journal, ManifestRow, OutputFile, Shard
 from depthcli.jobs.batch.plan import plan_files
-from depthcli.jobs.batch.tasks import TaskBuilder
+from depthcli.jobs.batch.tasks import BatchOptions, TaskBuilder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,7 +66,7 @@ def resume(out: Path, path: Path, shard: Shard) -> None:
 
     plan = step("plan", lambda: plan_files(read_list(str(path)), "list", ".", out, shard=shard))
     journal = step("earlier rows", lambda: Journal(out, shard, plan.names.names))
-    tasks = TaskBuilder(plan, (Format.PNG16,), journal)
+    tasks = TaskBuilder(plan, BatchOptions(), journal)
     kept = step("tasks", lambda: sum(tasks.task(file).is_listed for file in plan.inputs))
     if kept != len(plan.inputs):
         raise SystemExit("a row is missing")

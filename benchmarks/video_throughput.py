@@ -21,10 +21,9 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.guard import Guard
 from depthcli.jobs.image import ImageJob
-from depthcli.jobs.video.frames import FrameClock, FrameFilter, FramePredictor
 from depthcli.jobs.video.plan import VideoRequest, plan_video, video_destination
 from depthcli.jobs.video.resume import FrameJournal
-from depthcli.jobs.video.stages import open_output
+from depthcli.jobs.video.stages import FrameFilter, FramePredictor, open_output
 from depthcli.known.frames import KnownDepthOfFrames
 from depthcli.video.formats import VideoFormat
 from depthcli.video.source import VideoSource
@@ -44,7 +43,7 @@ def measure_stages(video: Path, folder: Path, frames: int) -> dict[str, float]:
             for format_ in FORMATS
         }
         work = FramePredictor(
-            ImageJob(pipeline), plan.settings, known, FrameJournal(), FrameClock(source.rate), None
+            ImageJob(pipeline), plan.settings, known, FrameJournal(), source, 0, None
         )
         smoothing, decoded = FrameFilter(plan.settings, work.kind), source.frames()
         work.predict(next(decoded))

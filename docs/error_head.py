@@ -289,7 +289,7 @@ def write_card(model: Path, out: Path, line: tuple[float, float], steps: int) ->
         f"The relative error that the depth of {card['name']} is expected to have, for --error."
     )
     training = {
-        "data": f"NYU Depth v2, labelled pairs 1-{PAIRS}, and labelled photographs, of {card['name']}",
+        "data": f"NYU Depth v2, labelled pairs 1-{PAIRS}, and photographs with labels",
         "method": "docs/error_head.py: a head on the frozen network, likelihood of Laplace",
         "seed": 0,
         "steps": steps,
@@ -336,6 +336,7 @@ def main() -> None:
         head.line = measure(head, Samples(options.model, pairs(options.data, held_out=True)))
         print("--line", *(f"{number:.4f}" for number in head.line))
     graft(head, options.model, options.out)
+    torch.save(head.state_dict(), options.out.with_suffix(".pt"))
     write_card(options.model, options.out, head.line, options.steps)
 
 

@@ -2,7 +2,7 @@
 
 The trained network sees the image at half of the size, as before, and gives the low frequencies of
 depth. The first stages of its encoder also see the image at full size; a copy of its last two
-decoder stages joins them to its map at stride 8, and gives edges. Only these stages are trained, for
+decoder stages joins them to its map at stride 8, and gives edges. Only these are trained, for
 changes of log depth over 1, 2, 4 and 8 pixels, with seven times the weight where true depth changes
 by 5 % or more. A box of 33 pixels takes the low frequencies of the one and the high of the other.
 
@@ -45,6 +45,7 @@ WIDTH, HEIGHT, BATCH, RATE = 512, 384, 6, 6e-4
 BOX_PX = 33
 STEPS_PX, STEP, WEIGHT = (1, 2, 4, 8), 0.05, 6
 PAIRS = 1000
+CARD = Path("models/float/card.json")
 
 
 class LowFrequencies(nn.Module):
@@ -135,7 +136,9 @@ def features_of(network: TwoScales, folder: Path, *, held_out: bool) -> list[Ten
     return [torch.stack(part) for part in parts]
 
 
-def train(network: TwoScales, parts: Sequence[Tensor], codec: tuple[float, float], steps: int) -> None:
+def train(
+    network: TwoScales, parts: Sequence[Tensor], codec: tuple[float, float], steps: int
+) -> None:
     """Train the last stages."""
     weights = [*network.fusions.parameters(), *network.head.parameters()]
     optimizer = torch.optim.AdamW(weights, RATE)
@@ -153,9 +156,9 @@ def train(network: TwoScales, parts: Sequence[Tensor], codec: tuple[float, float
             print(f"step {step}  loss {loss:.3f}  {time.monotonic() - begin:.0f} s", flush=True)
 
 
-def export(network: TwoScales, source: Path, images: Path | None, out: Path, steps: int) -> None:
+def export(network: TwoScales, images: Path | None, out: Path, steps: int) -> None:
     """Write the network, rounded to int8 if there are images, and its card."""
-    card = json.loads((source if source.is_dir() else Path("models/float")) .joinpath("card.json").read_text())
+    card = json.loads(CARD.read_text())
     card["input"] |= {"width": WIDTH, "height": HEIGHT, "multiple_of": 8}
     card |= {"name": out.name, "float_model": None, "latency": {}, "scores": {}}
     card["summary"] = "Metric depth of rooms with finer edges, in three times the time; int8."
@@ -194,11 +197,11 @@ def main() -> None:
     torch.manual_seed(0)
     network = TwoScales(open_generator(options.source).eval()).eval()
     parts = features_of(network, options.data, held_out=options.held_out)
-    card = json.loads(Path("models/float/card.json").read_text())["output"]
+    card = json.loads(CARD.read_text())["output"]
     train(network, parts, (card["scale"], card["shift"]), options.steps)
     options.out.mkdir(parents=True, exist_ok=True)
     torch.save(network.state_dict(), options.out / "network.pt")
-    export(network, options.source, options.int8, options.out, options.steps)
+    export(network, options.int8, options.out, options.steps)
 
 
 if __name__ == "__main__":

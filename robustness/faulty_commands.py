@@ -121,7 +121,7 @@ TRAIN = (
     *("--threads", "1", "--accelerator", "cpu"),
 )
 _ADD = ("models", "add", "new/model.onnx", "--card", "new/card.json")
-_OF_JOBS = ("depthcli.jobs.predict_images", "depthcli.api.model")
+_OF_JOBS = ("depthcli.jobs.image", "depthcli.api.model")
 _IMAGES = ("cv2", "onnxruntime", "OpenEXR", *_OF_JOBS)
 _VIDEOS = (*_IMAGES, "av", "depthcli.jobs.batch.run", "depthcli.jobs.batch.workers")
 _MODELS = (*_IMAGES, "depthcli.jobs.models")

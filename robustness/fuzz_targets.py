@@ -45,7 +45,7 @@ from depthcli.io.images.tiff import parse_exif
 from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list
 from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.io.tables import read_lenses
-from depthcli.jobs.video.resume import FrameJournal
+from depthcli.jobs.video.resume import finished_frames
 from depthcli.known.files import KnownDepthFiles
 from depthcli.known.sources import read_known_depth
 from depthcli.lab.datasets.folders import read_image_rgb, read_truth
@@ -393,8 +393,7 @@ def _batch(path: Path) -> None:
 
 
 def _read_journal(path: Path) -> None:
-    with FrameJournal(path, "tiny"):
-        pass
+    finished_frames(path, "tiny")
 
 
 def _image(path: Path) -> None:

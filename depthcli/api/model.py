@@ -200,7 +200,11 @@ class DepthModel:
         camera = Intrinsics.given(focal_px, hfov_deg)
         points = None if anchors is None else known_depth_of(anchors, anchors_fit)
         check_levels(white_level)
-        _check_several(images, batch_size, workers)
+        if batch_size < 1 or workers < 0:
+            raise UsageError("give a batch_size of 1 or more, and workers of 0 or more")
+        is_single = getattr(images, "ndim", _BATCH_RANK) < _BATCH_RANK  # of arrays and tensors
+        if is_single or isinstance(images, _SINGLE) or not hasattr(images, "__iter__"):
+            raise UsageError("predict_many takes several images", "use predict for one")
         if not (anchors is None or anchors_each is None):
             raise UsageError("give anchors of all images, or of each, not both")
         points_each: Iterable[KnownDepth | None] = itertools.repeat(points)
@@ -210,25 +214,19 @@ class DepthModel:
             )
 
         def predicted(batch: list[_Reader]) -> list[_Displayed | Exception]:
-            frames, problem = list[Frame](), list[_Displayed | Exception]()
-            for read, _ in batch:
+            tasks, problem = list[ImageTask](), list[Exception]()
+            for read, of_image in batch:
                 try:
-                    frames.append(read())
+                    tasks.append(ImageTask(read(), camera, of_image))
                 except Exception as error:  # noqa: BLE001 - raised at its position
                     problem.append(error)
                     break
-            tasks = [
-                ImageTask(frame, camera, points)
-                for frame, (_, points) in zip(frames, batch, strict=False)
-            ]
-            results = zip(self._job.run_many(tasks), frames, strict=True)
-            return [
-                *(
-                    done if isinstance(done, Exception) else _displayed(done, f)
-                    for done, f in results
-                ),
-                *problem,
-            ]
+            results = zip(self._job.run_many(tasks), tasks, strict=True)
+            maps = (
+                done if isinstance(done, Exception) else _displayed(done, task.frame)
+                for done, task in results
+            )
+            return [*maps, *problem]
 
         readers = _readers(zip(images, points_each, strict=anchors_each is not None), white_level)
         batches = iter(lambda: list(itertools.islice(readers, batch_size)), [])
@@ -250,11 +248,3 @@ def _maps(batches: Generator[list[_Displayed | Exception], None, None]) -> Itera
             depth, texts = done
             warn_all(texts)
             yield depth
-
-
-def _check_several(images: object, batch_size: int, workers: int) -> None:
-    if batch_size < 1 or workers < 0:
-        raise UsageError("give a batch_size of 1 or more, and workers of 0 or more")
-    is_single = getattr(images, "ndim", _BATCH_RANK) < _BATCH_RANK  # of arrays and tensors
-    if is_single or isinstance(images, _SINGLE) or not hasattr(images, "__iter__"):
-        raise UsageError("predict_many takes several images", "use predict for one")

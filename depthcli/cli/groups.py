@@ -87,21 +87,19 @@ def command_of(
 
     Without a name, that of "" is called, if there is one.
     """
-    usual = functions.get("") if isinstance(functions, Mapping) else None
-    app = typer.Typer(
-        rich_markup_mode=None, add_completion=False, help=text, no_args_is_help=usual is None
-    )
+    app = typer.Typer(rich_markup_mode=None, add_completion=False, help=text)
+    if not isinstance(functions, Mapping):
+        app.command(cls=Command)(grouped(functions))
+        return get_command(app)
+    usual = functions.get("")
 
+    @app.callback(invoke_without_command=usual is not None, no_args_is_help=usual is None)
     def begin(context: typer.Context) -> None:
         if usual is not None and context.invoked_subcommand is None:
             usual()
 
-    if isinstance(functions, Mapping):
-        app.callback(invoke_without_command=usual is not None)(begin)
-        for name in filter(None, functions):
-            app.command(name, cls=Command)(grouped(functions[name]))
-    else:
-        app.command(cls=Command)(grouped(functions))
+    for name in filter(None, functions):
+        app.command(name, cls=Command)(grouped(functions[name]))
     return get_command(app)
 
 

@@ -1,18 +1,41 @@
 """Options that several commands share, in groups by purpose."""
 
+from collections.abc import Iterable
 from dataclasses import field
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
-from depthcli.cli import completion
 from depthcli.cli.groups import OPTION, USUAL, checked, group
+from depthcli.cli.screen import console
 from depthcli.core import options as choices
 from depthcli.core.camera import FOCAL_35MM, FOCAL_PX, HFOV_DEG, PIXEL_ASPECT
 from depthcli.io.formats import options as formats
 
 MAX_THREADS = 1024
+# Importing onnxruntime is slow; a test compares these names with it.
+_ACCELERATED = ("cuda", "tensorrt", "rocm", "migraphx", "directml", "coreml", "openvino")
+PROVIDERS = ("auto", "cpu", *_ACCELERATED)
+
+
+def providers() -> list[str]:
+    """Words that complete ``--provider``, of which typer takes those that begin as typed."""
+    return [*PROVIDERS]
+
+
+def cards() -> list[str]:
+    """Names of ready cards."""
+    from depthcli.models.catalog import ready_names
+
+    return [*ready_names()]
+
+
+def models() -> list[str]:
+    """Names for ``--model``."""
+    from depthcli.models.catalog import list_locations
+
+    return [name for name, _ in list_locations()]
 
 
 positive = checked(formats.POSITIVE)
@@ -49,7 +72,7 @@ class RuntimeOptions:
         "or openvino. One that is requested by name must be available.",
         default="auto",
         metavar="NAME",
-        autocompletion=completion.providers,
+        autocompletion=providers,
     )
     provider_option: list[str] | None = option(
         "Option of the provider given with --provider, such as device_id=1; repeatable.",
@@ -68,7 +91,7 @@ class ModelOptions:
         "Name ('depthcli models list'), .onnx file, or folder with a card.json.",
         "--model",
         metavar="MODEL",
-        autocompletion=completion.models,
+        autocompletion=models,
     )
     runtime: RuntimeOptions
 
@@ -322,6 +345,20 @@ class ScreenOptions:
         default=False,
     )
     quiet: QuietOption = False
+    progress: Literal["auto", "json"] = option(
+        "Progress as a bar or lines (auto), or as JSON lines on stderr, for programs.",
+        default="auto",
+    )
+
+    @property
+    def shows_text(self) -> bool:
+        """Whether results are printed as text."""
+        return not (self.quiet or self.as_json)
+
+    def warn_all(self, texts: Iterable[str]) -> None:
+        """Print warnings, a line each, unless only errors are printed."""
+        if not self.quiet:
+            console.warn_all(texts)
 
 
 FileArgument = Annotated[

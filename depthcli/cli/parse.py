@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from depthcli.core.camera import DEPTH_M, UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.options import ReadOptions, UpsamplingOptions, short_repr
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.options import PreviewOptions, WriterOptions
+from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.table import FORMATS, Format
 from depthcli.io.storage.paths import RemotePath, path_of, safe_name
 
@@ -67,20 +67,15 @@ def writer_options(options: groups.WritingOptions) -> WriterOptions:
         for field in fields(group)
     }
     _refuse_alternatives(values)
-    _check_colours(options.preview)
-    low, high = options.range.vmin, options.range.vmax
-    if low is not None and high is not None and low >= high:
-        raise UsageError(f"{low:g} is not below {high:g}", "give {vmin} below {vmax}")
-    return WriterOptions(**values)
-
-
-def _check_colours(options: PreviewOptions) -> None:
-    """UsageError if a near colour is for another colormap."""
-    colormap, near = options.colormap, options.near
+    colormap, near = options.preview.colormap, options.preview.near
     is_of_gray = near is not choices.Near.WARM
     if near and colormap and is_of_gray != (colormap is choices.Colormap.GRAY):
         advice = "white and black are for gray, warm is for the other colormaps"
         raise UsageError(f"{near} does not fit {colormap}", advice, option="near")
+    low, high = options.range.vmin, options.range.vmax
+    if low is not None and high is not None and low >= high:
+        raise UsageError(f"{low:g} is not below {high:g}", "give {vmin} below {vmax}")
+    return WriterOptions(**values)
 
 
 def camera(options: groups.PinholeOptions) -> Intrinsics:
@@ -225,23 +220,20 @@ def _refuse_alternatives(values: Mapping[str, object]) -> None:
             raise UsageError("", f"give {{{chosen[0]}}} or {{{chosen[1]}}}, not both")
 
 
-def _are_finite(*values: float) -> bool:
-    return all(map(math.isfinite, values))
-
-
 def _are_indices(*values: float) -> bool:
     return all(value >= 0 and value.is_integer() for value in values)
 
 
 def numbers(
-    word: str, form: str, example: str, holds: Callable[..., bool] = _are_finite, option: str = ""
+    word: str, form: str, example: str, holds: Callable[..., bool] | None = None, option: str = ""
 ) -> list[float]:
     """The numbers of a form such as ``X,Y``; UsageError if it is not so, or out of range."""
     try:
         values = [float(part) for part in word.split(",")]
     except ValueError:
         values = []
-    if len(values) != form.count(",") + 1 or not holds(*values):
+    is_whole = len(values) == form.count(",") + 1 and all(map(math.isfinite, values))
+    if not is_whole or (holds and not holds(*values)):
         problem = f"{short_repr(word)} is not {form}"
         raise UsageError(problem, f"give, for example, {example}", option=option)
     return values
@@ -292,12 +284,6 @@ def fps(word: str, option: str = "fps") -> Fraction:
         problem = f"{short_repr(word)} is not a frame rate such as 24, 23.976 or 24000/1001"
         raise UsageError(problem, option=option)
     return rate
-
-
-def listed(words: Sequence[str] | None) -> tuple[str, ...]:
-    """Items of comma-separated lists, without duplicates."""
-    items = (word.strip() for word in ",".join(words or ()).split(","))
-    return tuple(dict.fromkeys(filter(None, items)))
 
 
 _NORMALIZED = "png16 with --png-normalize or --png-inverse"

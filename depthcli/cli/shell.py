@@ -14,9 +14,7 @@ from typer.core import TyperGroup, TyperOption
 from typer.main import get_command
 from typer.models import TyperPath
 
-from depthcli._version import __version__
 from depthcli.cli import table
-from depthcli.cli.completion import starting_with
 from depthcli.cli.groups import USUAL
 from depthcli.cli.screen import console
 from depthcli.core.options import suggestion
@@ -70,18 +68,8 @@ app = typer.Typer(
 )
 
 
-def _show_version(is_requested: bool) -> None:
-    if is_requested:
-        console.out(f"{table.PROGRAM} {__version__}")
-        raise typer.Exit
-
-
 @app.callback()
-def _root(
-    version: bool = typer.Option(
-        False, "--version", callback=_show_version, is_eager=True, help="Show the version and exit."
-    ),
-) -> None:
+def _root() -> None:
     """Monocular depth estimation on the command line."""
 
 
@@ -168,7 +156,7 @@ def load_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
 
 
 def _add_common(command: Any) -> None:  # noqa: ANN401 - typer's own types
-    """Add ``--debug``, ``--verbose`` and ``--progress`` to a command and to its subcommands."""
+    """Add ``--debug`` and ``--verbose`` to a command and to its subcommands."""
     for child in getattr(command, "commands", {}).values():
         _add_common(child)
     for parameter in command.params:
@@ -181,10 +169,7 @@ def _add_common(command: Any) -> None:  # noqa: ANN401 - typer's own types
     if hasattr(command, "commands") or any("--debug" in p.opts for p in command.params):
         return
     flag: dict[str, Any] = {"is_flag": True, "default": False, "expose_value": False}
-    is_quiet = any("--quiet" in parameter.opts for parameter in command.params)
-    shows_progress = is_quiet and command.name != "serve"
     command.params += [
-        *[_progress_option()] * shows_progress,
         TyperOption(
             param_decls=["-v", "--verbose"],
             **flag,
@@ -193,23 +178,6 @@ def _add_common(command: Any) -> None:  # noqa: ANN401 - typer's own types
         ),
         TyperOption(param_decls=["--debug"], **flag, help="Show the traceback of an error."),
     ]
-
-
-def _progress_option() -> TyperOption:
-    return TyperOption(
-        param_decls=["--progress"],
-        metavar="<auto|json>",
-        default="auto",
-        expose_value=False,
-        callback=_set_progress,
-        help="Progress as a bar or lines (auto), or as JSON lines on stderr, for programs.",
-    )
-
-
-def _set_progress(_context: Any, _parameter: Any, value: str) -> None:  # noqa: ANN401 - typer's own
-    if value not in {"auto", "json"}:
-        raise UsageError(f"{value!r} is neither auto nor json", option="progress")
-    console.SETTINGS["progress"] = value
 
 
 def _log(_context: Any, _parameter: Any, verbose: bool) -> None:  # noqa: ANN401 - typer's own
@@ -238,10 +206,10 @@ def _refuse_uris(_ctx: Any, parameter: Any, value: Any) -> Any:  # noqa: ANN401 
     return value
 
 
-def _profiles(_context: Any, _words: Any, word: str) -> list[str]:  # noqa: ANN401 - typer's own
+def _profiles(_context: Any, _words: Any, _word: str) -> list[str]:  # noqa: ANN401 - typer's own
     from depthcli.cli.profiles import profile_names
 
-    return starting_with(profile_names(), word)
+    return [*profile_names()]
 
 
 def _apply_profile(ctx: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own

@@ -28,7 +28,7 @@ from depthcli.io.listing.folder import InputFile, NameFilter, Skipped
 from depthcli.io.storage import atomic, paths
 from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, stated_range
 from depthcli.io.stored.metadata import NORMALIZED
-from depthcli.jobs import inspect, output_names, outputs
+from depthcli.jobs import inspect, outputs
 from depthcli.jobs.image import FailedInput, failure_reason
 from depthcli.jobs.video.plan import LOCK_S
 from depthcli.video import numbering
@@ -207,7 +207,7 @@ def plan_folder(request: ConvertRequest, names_filter: NameFilter = folders.ANY)
     listing = folders.list_folder(
         root, leave_out=out, skip=names_filter.excludes, refusal=_why_no_depth
     )
-    names = output_names.OutputNames((file.name for file in listing.media), _stem)
+    names = outputs.OutputNames((file.name for file in listing.media), _stem)
     inputs, skipped, where = list[InputFile](), listing.skipped, paths.safe_name(root)
     for file in listing.media:
         refusal = None if file.problem else names_filter.refusal(file.name)
@@ -249,8 +249,7 @@ def convert_folder(
     def convert_one(pair: tuple[InputFile, str]) -> ConvertResult | FailedInput:
         file, target = pair
         try:
-            if file.problem is not None:
-                raise InputError(file.problem)  # noqa: TRY301 - as one of reading it
+            file.readable_path()  # raises its problem
             return convert(replace(request, source=file.path, target=target))
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             if not isinstance(error, DepthcliError):

@@ -13,15 +13,9 @@ from typing import Any, BinaryIO, NamedTuple, TypeAlias
 
 import numpy as np
 
+from depthcli.core import types
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.types import (
-    DepthMap,
-    DepthRange,
-    Frame,
-    displayed_depth,
-    displayed_frame,
-    has_depth,
-)
+from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import DepthcliError, OutputError, about, is_out_of_memory, os_errors_as
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, Prediction
@@ -90,23 +84,19 @@ class ImageJob:
             [task.camera for task in tasks],
             [task.points for task in tasks],
         )
-        return [*map(self._finish_or_error, tasks, predictions)]
+        results = list[ImageResult | Exception]()
+        for task, done in zip(tasks, predictions, strict=True):
+            try:
+                results.append(done if isinstance(done, Exception) else self._finish(task, done))
+            except Exception as error:  # noqa: BLE001 - no image may stop the others
+                results.append(error)
+        return results
 
     def _pipeline(self, tasks: Sequence[ImageTask]) -> Pipeline:
         """The model; it estimates errors if an output needs them."""
         if self.writing.max_error is None and not any(Format.ERROR in t.outputs for t in tasks):
             return self.pipeline
         return Pipeline(self.pipeline.session, replace(self.pipeline.detail, error=True))
-
-    def _finish_or_error(
-        self, task: ImageTask, prediction: Prediction | Exception
-    ) -> ImageResult | Exception:
-        if isinstance(prediction, Exception):
-            return prediction
-        try:
-            return self._finish(task, prediction)
-        except Exception as error:  # noqa: BLE001 - no image may stop the others
-            return error
 
     def _finish(self, task: ImageTask, prediction: Prediction) -> ImageResult:
         frame, depth = task.frame, prediction.depth
@@ -116,7 +106,7 @@ class ImageJob:
         for format_, target in task.outputs.items():
             warnings += write_output(self.writing, format_, depth, frame, target)
         _log(task, f"{len(task.outputs)} outputs", begin_s)
-        displayed = displayed_depth(depth, frame.windows)
+        displayed = types.displayed_depth(depth, frame.windows)
         return ImageResult(displayed, depth, tuple(dict.fromkeys(warnings)), shared)
 
 
@@ -154,8 +144,8 @@ def _write(
     options: WriterOptions, format_: Format, depth: DepthMap, frame: Frame, path: Path
 ) -> tuple[str, ...]:
     if not format_.facts.has_overscan:
-        depth, frame = displayed_depth(depth, frame.windows), displayed_frame(frame)
-    if not (has_depth(depth.values[::16, ::16], depth.kind).any() or depth.valid.any()):
+        depth, frame = types.displayed_depth(depth, frame.windows), types.displayed_frame(frame)
+    if not (types.has_depth(depth.values[::16, ::16], depth.kind).any() or depth.valid.any()):
         raise OutputError("no pixel has depth, so nothing is written")
     return writer_of(format_, options).write(depth, path, frame)
 
@@ -165,7 +155,7 @@ def depth_facts(depth: DepthMap) -> dict[str, Any]:
     return {
         "kind": depth.kind.value,
         "unit": depth.unit,
-        **DepthRange.of(depth)._asdict(),
+        **types.DepthRange.of(depth)._asdict(),
         **({} if depth.error is None else {"error": float(np.nanmedian(depth.error))}),
         "width": depth.width,
         "height": depth.height,

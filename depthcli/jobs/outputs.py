@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Callable, Sequence
+import unicodedata
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
@@ -17,7 +20,6 @@ from depthcli.io.formats.table import Format, suffix_of
 from depthcli.io.listing.folder import RealPaths
 from depthcli.io.storage.atomic import is_special
 from depthcli.io.storage.paths import check_writable, path_of, safe_name
-from depthcli.jobs.output_names import output_bases
 from depthcli.video.numbering import base_name, is_pattern
 
 if TYPE_CHECKING:
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from depthcli.video.formats import VideoFormat
 
 STDIO = "-"
+_STDIN_STEM = "stdin"
 FormatT = TypeVar("FormatT", Format, "VideoFormat")
 
 
@@ -238,20 +241,13 @@ def plan_outputs(
         path = destination.path or Path(STDIO)
         problem = f"is one file but there are {len(sources)} inputs"
         raise _out_error(path, problem, f"name a folder: {path}/")
-    plans = [
-        OutputPlan(source, {} if source and not source.name else destination.outputs(base))
-        for source, base in zip(sources, _base_paths(sources, destination), strict=True)
-    ]
+    plans = []
+    for source, base in zip(sources, output_bases(sources), strict=True):
+        folder = destination.path or (Path() if source is None else source.parent)
+        is_nameless = source is not None and not source.name
+        plans.append(OutputPlan(source, {} if is_nameless else destination.outputs(folder / base)))
     check_collisions(plans)
     return plans
-
-
-def _base_paths(sources: Sequence[Path | None], destination: Destination[FormatT]) -> list[Path]:
-    out = destination.path
-    if out is not None and destination.kind is not Kind.FOLDER:
-        return [out]
-    folders = (out or (Path() if source is None else source.parent) for source in sources)
-    return [folder / base for folder, base in zip(folders, output_bases(sources), strict=True)]
 
 
 def check_collisions(plans: Sequence[OutputPlan[FormatT]]) -> None:
@@ -277,3 +273,55 @@ def check_collisions(plans: Sequence[OutputPlan[FormatT]]) -> None:
 def _case_folded_path(path: str | Path) -> str:
     """The path in the form that case-insensitive file systems compare."""
     return os.path.normcase(os.path.abspath(path)).casefold()  # noqa: PTH100 - links stay as named
+
+
+def stem(name: str) -> str:
+    """A name without its suffix."""
+    return os.path.splitext(name)[0]  # noqa: PTH122 - a name with "/" on any system
+
+
+def sharing_stem(names: Iterable[str], stem: Callable[[str], str] = stem) -> frozenset[str]:
+    """Those of some names whose stem is the stem of another, or another name."""
+    names = frozenset(names)
+    takers = Counter(key for name in names for key in {_folded(name), _folded(stem(name))})
+    return frozenset(name for name in names if takers[_folded(stem(name))] > 1)
+
+
+def _folded(name: str) -> str:
+    """The form in which case- or Unicode-insensitive file systems compare a name."""
+    return unicodedata.normalize("NFC", name).casefold()
+
+
+class OutputNames:
+    """The names of the outputs of some inputs, without suffix.
+
+    That is the input's name without suffix (``a`` for ``a.jpg``). If another of the inputs has the
+    same, it is the full name (``a.jpg``); if names differ only in ways that some file systems
+    ignore (``A.jpg``, ``a.jpg``), the full name and a checksum of it.
+
+    Attributes:
+        names: the inputs, paths from the root with ``/``.
+        longer: the names of outputs that are not the input's name without suffix.
+    """
+
+    def __init__(self, names: Iterable[str] = (), stem: Callable[[str], str] = stem) -> None:
+        """Name the outputs; ``stem`` removes suffixes."""
+        self.names, self._stem = frozenset(names), stem
+        shared = sharing_stem(self.names, stem)
+        alike = Counter(map(_folded, shared))
+        self.longer = {name: name for name in shared}
+        for name in (name for name in shared if alike[_folded(name)] > 1):
+            self.longer[name] += f".{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}"
+
+    def base(self, name: str) -> str:
+        """Path of an input's outputs from the output folder, without a suffix."""
+        return self.longer.get(name) or self._stem(name)
+
+
+def output_bases(sources: Sequence[Path | None]) -> list[str]:
+    """The names of each input's outputs, without suffix; None is standard input."""
+    inside = defaultdict[Path, list[str]](list)
+    for source in filter(None, sources):
+        inside[source.parent].append(source.name)
+    folders = {folder: OutputNames(names) for folder, names in inside.items()}
+    return [_STDIN_STEM if s is None else folders[s.parent].base(s.name) for s in sources]

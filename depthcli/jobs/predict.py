@@ -1,29 +1,36 @@
-"""Predicting the depth of images, as ``depthcli predict`` does; free of numpy until a model loads.
-
-What needs numpy is in :mod:`depthcli.jobs.predict_images`, imported while the model loads.
-"""
+"""Predicting images, as ``depthcli predict`` does; free of numpy until a model loads."""
 
 from __future__ import annotations
 
 import sys
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli.errors import Message, UsageError
+from depthcli.errors import (
+    InputError,
+    Message,
+    ModelError,
+    OutputError,
+    UsageError,
+    is_out_of_memory,
+)
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.table import FILE_SUFFIXES, Format, format_of, stem_of
-from depthcli.io.guard import is_own_image
+from depthcli.io.formats.table import FILE_SUFFIXES, Format, format_of, stem_of, writer_class
+from depthcli.io.guard import Guard, is_own_image
 from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.jobs import outputs
 from depthcli.jobs.outputs import STDIO, Destination, Kind, MapOptions, OutputPlan
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from typing import BinaryIO
 
-    from depthcli.jobs.image import FailedInput
-    from depthcli.jobs.predict_images import PredictResult
+    from depthcli.core.parallel import Background
+    from depthcli.core.types import DepthMap, Frame
+    from depthcli.inference.session import Session
+    from depthcli.jobs.image import FailedInput, Target
 
 _RULES = outputs.FormatRules(
     (Format.PNG16, Format.PREVIEW), format_of, stem_of, FILE_SUFFIXES, stdout=Format.PNG16
@@ -63,6 +70,17 @@ class PredictRequest(MapOptions):
         )
 
 
+class PredictResult(NamedTuple):
+    """The result of an input whose outputs are all written."""
+
+    name: str  #: the input, as the user wrote it
+    outputs: tuple[str, ...]  #: the files written, ``-`` for standard output
+    depth: DepthMap  #: the depth map, of an EXR that of its display window
+    provider: str  #: the provider that ran the model
+    seconds: float  #: from opening the input to the last output
+    warnings: tuple[str, ...]  #: one line each
+
+
 def predict(request: PredictRequest) -> Iterator[PredictResult | FailedInput]:
     """Predict the depth of images; a bad one does not stop the others.
 
@@ -82,13 +100,65 @@ def predict(request: PredictRequest) -> Iterator[PredictResult | FailedInput]:
         problem = "standard output takes one input and one format"
         raise UsageError(problem, "name a folder for more", option="out")
     plans = [plan._replace(name=safe_name(n)) for n, plan in zip(names, plans, strict=True)]
-    loading = request.model.start()
-    from depthcli.jobs.predict_images import predict_images  # noqa: PLC0415 - while it loads
+    return _results(request, plans, request.model.start())
 
-    to_stdout = destination.kind is Kind.STDOUT
-    stdout = request.stdout or sys.stdout.buffer if to_stdout else None
-    streams = {"stdin": request.stdin, "stdout": stdout}
-    return predict_images(request, plans, loading, overwrite=request.overwrite, **streams)
+
+def _results(
+    request: PredictRequest, plans: Sequence[OutputPlan[Format]], loading: Background[Session]
+) -> Iterator[PredictResult | FailedInput]:
+    # Imported while the model loads.
+    from depthcli.inference.pipeline import Pipeline  # noqa: PLC0415
+    from depthcli.jobs.image import FailedInput, ImageJob, ImageTask, failure_reason  # noqa: PLC0415
+
+    anchors, points = request.anchors, None
+    shared = [] if isinstance(anchors, tuple) or anchors.is_by_image else [path_of(anchors.path)]
+    is_by_image = not (isinstance(anchors, tuple) or shared)
+    try:
+        points = None if is_by_image else request.known_points()
+    except InputError as error:
+        raise UsageError(error.message, option="anchors") from error
+    for name in {name for plan in plans for name in plan.outputs}:
+        writer_class(name)
+    to_stdout = request.destination.kind is Kind.STDOUT
+    inputs = [*shared, *(plan.source for plan in plans if plan.source is not None)]
+    guard = Guard.of(inputs, overwrite=request.overwrite)
+    for plan in plans:
+        try:
+            start_s = time.perf_counter()
+            guard.check(*() if to_stdout else plan.outputs.values())
+            if is_by_image:
+                points = request.known_points(plan.source)
+            frame = _read(request, plan.source)
+            targets: Mapping[Format, Target] = plan.outputs
+            if to_stdout:
+                targets = dict.fromkeys(plan.outputs, request.stdout or sys.stdout.buffer)
+            image = ImageTask(frame, request.camera, points, targets)
+            session = loading.result()
+            done = ImageJob(Pipeline(session, request.detail), request.writing).run(image)
+            names = tuple(map(str, plan.outputs.values()))
+            seconds = time.perf_counter() - start_s
+            warnings = tuple(dict.fromkeys((*session.warnings, *done.warnings)))
+            yield PredictResult(plan.name, names, done.depth, session.provider, seconds, warnings)
+        except (InputError, OutputError) as error:
+            yield FailedInput(plan.name, error)
+        except ModelError as error:
+            from depthcli.inference.pipeline import check_network  # noqa: PLC0415 - seldom needed
+
+            check_network(error, loading.result())
+            yield FailedInput(plan.name, error)
+        except Exception as error:
+            if not is_out_of_memory(error):
+                raise
+            yield FailedInput(plan.name, InputError(failure_reason(error)))
+    loading.result()  # raises if the model cannot be loaded, even if no image was read
+
+
+def _read(request: PredictRequest, path: Path | None) -> Frame:
+    try:
+        data = None if path else (request.stdin or sys.stdin.buffer).read()
+        return request.read(path, data)
+    except OSError as error:
+        raise InputError(f"cannot read standard input: {error.strerror}") from error
 
 
 def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:

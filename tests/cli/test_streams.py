@@ -20,6 +20,7 @@ from helpers.folders import tree
 from helpers.tiny import endless_onnx, write_image, write_model
 
 from depthcli.cli import shell
+from depthcli.cli.options import ScreenOptions
 from depthcli.cli.process import ending_signals, graceful_shutdown
 from depthcli.cli.screen import console, progress
 from depthcli.cli.table import COMMANDS
@@ -139,7 +140,7 @@ def test_elsewhere_a_line_is_said_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(progress, "_LINE_EVERY_S", 0)
-    with progress.show_progress(silent=False) as drawing:
+    with progress.show_progress(ScreenOptions()) as drawing:
         drawing.begin("a.mp4", 4, "frames")(2)
     said = capsys.readouterr().err
     assert re.fullmatch(r"a\.mp4: 2/4  \d+\.\d frames/s  \d+:\d\d to go\n", said)
@@ -299,7 +300,10 @@ def test_progress_as_json_is_lines_on_standard_error(inside: Cli) -> None:
     assert lines[-1]["file"] in {"a.png", "b.png", "c.png"}
     assert lines[-1]["rate"] > 0
     refused = inside("batch", "in", "-o", "out", "--progress", "xml")
-    assert (refused.returncode, b"neither auto nor json" in refused.stderr) == (2, True)
+    assert (refused.returncode, b"'xml' is not one of 'auto', 'json'" in refused.stderr) == (
+        2,
+        True,
+    )
 
 
 @pytest.mark.parametrize(("words", "level"), [(("-v",), ""), ((), "info"), ((), "")])

@@ -16,8 +16,7 @@ from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.table import FORMATS, Format
 from depthcli.io.guard import Guard
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.jobs.output_names import OutputNames
-from depthcli.jobs.outputs import OutputPlan, plan_outputs
+from depthcli.jobs.outputs import OutputNames, OutputPlan, plan_outputs
 from depthcli.jobs.predict import image_destination
 
 

@@ -16,7 +16,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest import Shard
-from depthcli.jobs.batch.plan import plan_folder, read_cameras
+from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.known.files import KnownDepthFiles
@@ -31,7 +31,7 @@ def with_table(
 ) -> BatchRequest:
     """A batch of the folder ``in`` with a table of cameras."""
     (folder / "cameras.csv").write_text(table)
-    cameras = read_cameras(str(folder / "cameras.csv"))
+    cameras = str(folder / "cameras.csv")
     plan = plan_folder(str(folder / "in"), str(folder / out), cameras=cameras)
     return replace(request(folder, out, options), plan=plan)
 
@@ -130,7 +130,7 @@ def test_rows_of_other_shards_match(tmp_path: Path) -> None:
     with_table(tmp_path, TABLE + "z,30\n")
     lenses: dict[str, object] = {}
     for number in (1, 2):
-        cameras = read_cameras(str(tmp_path / "cameras.csv"))
+        cameras = str(tmp_path / "cameras.csv")
         words = (str(tmp_path / "in"), str(tmp_path / "out"))
         plan = plan_folder(*words, shard=Shard(number, 2), cameras=cameras)
         assert list(plan.warnings) == []
@@ -181,21 +181,23 @@ def test_a_table_that_cannot_be_used(tmp_path: Path, table: str | None) -> None:
     if table is not None:
         path.write_text(table)
     with pytest.raises(UsageError):
-        read_cameras(str(path))
+        plan_files(["a.png"], "list", str(tmp_path), str(tmp_path / "out"), cameras=str(path))
 
 
 def test_spaces_around_names_and_values_are_ignored(tmp_path: Path) -> None:
     path = tmp_path / "cameras.csv"
     path.write_text("id , focal_px ,cx , cy\n a ,40 , 3 ,4 \nb , , ,\n")
-    table = read_cameras(str(path))
-    assert table.camera_of("a.png") == Intrinsics(40.0, None, (3.0, 4.0))
-    assert table.camera_of("b.png") is None
+    words = (["a.png", "b.png"], "list", str(tmp_path), str(tmp_path / "out"))
+    table = plan_files(*words, cameras=str(path)).intrinsics
+    assert table == {"a.png": Intrinsics(40.0, None, (3.0, 4.0))}
 
 
 def test_names_of_any_bytes_match(tmp_path: Path) -> None:
     (tmp_path / "cameras.csv").write_bytes(b'\xef\xbb\xbfid,focal_px\r\n"a, \xff\nb",40\r\n\r\n')
-    lens = read_cameras(str(tmp_path / "cameras.csv")).camera_of("a, \udcff\nb.png")
-    assert lens.focal_px == 40
+    name = "a, \udcff\nb.png"
+    words = ([name], "list", str(tmp_path), str(tmp_path / "out"))
+    plan = plan_files(*words, cameras=str(tmp_path / "cameras.csv"))
+    assert plan.intrinsics[name].focal_px == 40
 
 
 def test_known_depth_of_each_image_is_seen_by_its_own_camera(tmp_path: Path) -> None:

@@ -17,12 +17,11 @@ from helpers.batches import outputs, request
 from helpers.tiny import synthetic_image, write_image
 from helpers.videos import write_mp4
 
-from depthcli.core.camera import Intrinsics
 from depthcli.errors import EngineError, ModelError, UsageError
 from depthcli.io.manifest import FAILED
 from depthcli.jobs.batch.engine import Engine
 from depthcli.jobs.batch.manifests import read_rows
-from depthcli.jobs.batch.plan import CameraTable, plan_folder
+from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.ray import LOCAL_CLUSTER, RayEngine
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchResult
@@ -78,8 +77,9 @@ def worker_pids() -> list[int]:
 
 def with_a_camera(folder: Path, out: str = "out") -> BatchRequest:
     """A batch whose first image has a camera of its own."""
-    table = CameraTable({"0/00": Intrinsics(40.0)})
-    plan = plan_folder(str(folder / "in"), str(folder / out), cameras=table)
+    table = folder / "cameras.csv"
+    table.write_text("id,focal_px\n0/00,40\n")
+    plan = plan_folder(str(folder / "in"), str(folder / out), cameras=str(table))
     return replace(request(folder, out), plan=plan)
 
 

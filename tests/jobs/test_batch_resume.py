@@ -29,7 +29,6 @@ from depthcli.io.manifest import (
     known_rows,
 )
 from depthcli.jobs.batch.manifests import (
-    ModelInputs,
     Summary,
     merge_manifests,
     read_rows,
@@ -345,7 +344,8 @@ def test_parts_of_shards_are_summed_up_and_merged(tmp_path: Path) -> None:
     for _ in range(2):
         found = read_rows(tmp_path)
         counted = summarize(found)
-        assert counted == Summary(22, 2, 20, 240, 18.5, (ModelInputs("tiny", "1" * 64, "1.0", 22),))
+        by = {"model": "tiny", "model_sha256": "1" * 64, "version": "1.0", "inputs": 22}
+        assert counted == Summary(22, 2, 20, 240, 18.5, (by,))
         assert {one.input for one in found if one.status == FAILED} == {"x", "y"}
         assert merge_manifests(tmp_path) == tmp_path / "manifest.jsonl"
         assert [path.name for path in tmp_path.iterdir()] == ["manifest.jsonl"]

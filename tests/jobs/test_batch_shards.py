@@ -17,11 +17,10 @@ from helpers.folders import rows
 from helpers.tiny import synthetic_image, write_image
 
 from depthcli.errors import UsageError
-from depthcli.io.formats.table import Format
 from depthcli.io.manifest import Shard, known_rows
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
-from depthcli.jobs.batch.tasks import TaskBuilder
+from depthcli.jobs.batch.tasks import BatchOptions, TaskBuilder
 
 COUNT = 3
 
@@ -110,7 +109,7 @@ def test_a_shard_replaces_no_input_of_another(tmp_path: Path) -> None:
     for shard in (Shard(), Shard(numbers[0], 3)):
         plan = plan_files([image, its_output], "mine", *[str(tmp_path)] * 2, shard=shard)
         with pytest.raises(UsageError):
-            TaskBuilder(plan, (Format.PNG16,)).check_conflicts()
+            TaskBuilder(plan, BatchOptions()).check_conflicts()
 
 
 def test_skipped_file_is_counted_by_one_shard(tmp_path: Path) -> None:

@@ -25,12 +25,11 @@ from depthcli.io.listing.path_list import read_list
 from depthcli.io.manifest import WHOLE, Shard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.manifests import merge_manifests, read_rows, summarize
-from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
+from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.models import add_model
-from depthcli.jobs.predict import PredictRequest, predict
-from depthcli.jobs.predict_images import PredictResult
+from depthcli.jobs.predict import PredictRequest, PredictResult, predict
 from depthcli.jobs.video.plan import video_destination
 from depthcli.jobs.video.run import video
 from depthcli.models.catalog import find_model
@@ -41,9 +40,10 @@ FORMATS = (Format.PNG16, Format.EXR, Format.NPY, Format.PREVIEW, Format.JSON)
 
 def test_a_table_of_cameras_comes_from_a_bucket(bucket: Bucket) -> None:
     uri = bucket.put("cameras.csv", b"id,focal_px\nhall/b,40\n")
-    assert read_cameras(uri).camera_of("hall/b.png") == Intrinsics(40.0)
+    words = (["hall/b.png"], "the test", ".", bucket.uri("out"))
+    assert plan_files(*words, cameras=uri).intrinsics == {"hall/b.png": Intrinsics(40.0)}
     with pytest.raises(UsageError):
-        read_cameras(bucket.uri("none.csv"))
+        plan_files(*words, cameras=bucket.uri("none.csv"))
 
 
 def test_images_go_from_bucket_to_bucket(

@@ -14,14 +14,16 @@ import typer
 from depthcli.cli import options as groups
 from depthcli.cli.groups import Given, group
 from depthcli.core.options import GPU_BATCH, SceneLayout
+from depthcli.core.parallel import share_cores
 from depthcli.errors import ExitCode, UsageError, os_errors_as
 from depthcli.io.formats.table import Format
+from depthcli.io.listing.folder import NameFilter
+from depthcli.io.storage.paths import RemotePath, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from depthcli.core.progress import Progress
-    from depthcli.inference.loading import SessionLoader
     from depthcli.jobs.batch.plan import BatchPlan
     from depthcli.jobs.batch.ray import RayEngine
 
@@ -172,14 +174,16 @@ def batch(
     formats = (*chosen, *([Format.JSON] if output.sidecar else ()))
     changed = _changes(folder, output.out, inputs, camera.cameras)
     plan = _plan(folder, output.out, inputs, camera.cameras)
-    loader = _loader(engine, model)
+    threads = model.runtime.threads or max(1, int(engine.cpus_per_worker or 1))
+    if not engine.is_ray:
+        _, threads = share_cores(engine.workers, model.runtime.threads)
+    loader = parse.session_loader(model.model, model.runtime, threads)
     # The driver of a cluster need not have the workers' GPUs.
     here = replace(loader, provider="cpu", provider_options={})
     loading = (here if engine.is_ray else loader).start()
     # Imported while the model loads.
     from depthcli.cli.process import graceful_shutdown
     from depthcli.cli.screen import results
-    from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
     from depthcli.jobs.batch.tasks import BatchOptions
 
@@ -201,10 +205,9 @@ def batch(
         max_failures=engine.max_failures,
         may_spawn=True,
     )
-    if not screen.quiet:
-        console.warn_all(parse.unused_by_outputs(explicit, formats, options.writing))
-        if inputs.watch and not output.dry_run:
-            console.note(f"watching {folder}; Ctrl-C ends")
+    screen.warn_all(parse.unused_by_outputs(explicit, formats, options.writing))
+    if inputs.watch and not (output.dry_run or screen.quiet):
+        console.note(f"watching {folder}; Ctrl-C ends")
     if output.dry_run:
         planned = dry_run(request, loading.result())
         would_fail = results.print_dry_run(planned, plan, as_json=screen.as_json)
@@ -218,7 +221,7 @@ def batch(
 
     with graceful_shutdown(_GRACE_PERIOD_S, on_signal) as interrupt:
         stop = results.StopOnSignal(interrupt)
-        with closing(_ray(engine, stop)) if engine.is_ray else nullcontext() as cluster:
+        with closing(_cluster(engine, stop)) if engine.is_ray else nullcontext() as cluster:
             for each in chain([plan], changed(stopped)):
                 job = Batch(replace(request, plan=each), session, cluster, progress=stop)
                 results.run_batch(job, each, stop, screen)
@@ -248,8 +251,6 @@ def _changes(
     """Plans of new and changed files of the folder; none without ``--watch``."""
     if not inputs.watch:
         return lambda _stop: iter(())
-    from depthcli.io.listing.folder import NameFilter
-    from depthcli.io.storage.paths import RemotePath, path_of
     from depthcli.jobs.batch.plan import plan_files
 
     if folder is None or inputs.files or inputs.shard or cameras:
@@ -271,19 +272,7 @@ def _changes(
     return plans
 
 
-def _loader(engine: EngineOptions, model: groups.ModelOptions) -> SessionLoader:
-    from depthcli.cli import parse
-    from depthcli.core.parallel import share_cores
-
-    threads = model.runtime.threads
-    if engine.is_ray:
-        threads = threads or max(1, int(engine.cpus_per_worker or 1))
-    else:
-        _, threads = share_cores(engine.workers, threads)
-    return parse.session_loader(model.model, model.runtime, threads)
-
-
-def _ray(options: EngineOptions, progress: Progress) -> RayEngine:
+def _cluster(options: EngineOptions, progress: Progress) -> RayEngine:
     """The cluster; ``progress`` is called with 0 while it works, and can stop it by raising."""
     from depthcli.jobs.batch.ray import RayEngine
 
@@ -299,33 +288,31 @@ def _ray(options: EngineOptions, progress: Progress) -> RayEngine:
 def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | None) -> BatchPlan:
     from depthcli.io.archives import holds_images
     from depthcli.io.listing import path_list
-    from depthcli.io.listing.folder import NameFilter
     from depthcli.io.manifest import WHOLE, Shard
     from depthcli.io.media import is_archive
     from depthcli.io.storage.paths import path_of
-    from depthcli.jobs.batch.plan import plan_files, plan_folder, read_cameras
+    from depthcli.jobs.batch.plan import plan_files, plan_folder
 
     files, column = inputs.files, inputs.column
     shard = WHOLE if inputs.shard is None else Shard.parse(inputs.shard)
     if not out:
         raise UsageError("", "name the folder for outputs with {out}")
     names_filter = NameFilter.of(inputs.include or (), inputs.exclude or ())
-    table = read_cameras(cameras) if cameras is not None else None
     archive = next((x for x in (folder, files) if x and holds_images(path_of(x), column)), None)
     if archive is not None:
         root = str(path_of(archive).parent)
-        return plan_files([archive], archive, root, out, names_filter, shard, table)
+        return plan_files([archive], archive, root, out, names_filter, shard, cameras)
     for_tables = UsageError("", "{column} is for a Parquet or CSV file: name it with {files}")
     if column is not None and (files == _STDIO or (files is None and folder is None)):
         raise for_tables
     if files is None and folder is None:
         raise UsageError("", "name a folder, or give a list with {files}")
     if files is None:
-        plan = plan_folder(folder or "", out, names_filter, shard, table)
+        plan = plan_folder(folder or "", out, names_filter, shard, cameras)
         if column is not None and not any(is_archive(file.name) for file in plan.inputs):
             raise for_tables
         return plan
     with os_errors_as(UsageError, "cannot read the list from standard input"):
         stdin = sys.stdin.buffer.read() if files == _STDIO else b""
     words = path_list.parse_list(stdin) if files == _STDIO else path_list.read_list(files, column)
-    return plan_files(words, files, folder, out, names_filter, shard, table)
+    return plan_files(words, files, folder, out, names_filter, shard, cameras)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -12,9 +11,6 @@ from depthcli.cli import options
 from depthcli.cli.groups import group
 from depthcli.cli.screen import console
 from depthcli.errors import ExitCode, UsageError
-
-if TYPE_CHECKING:
-    from depthcli.jobs.calibrate import KnownObject
 
 
 @group
@@ -53,7 +49,7 @@ def calibrate(
     from depthcli.cli import parse
     from depthcli.inference.pipeline import Pipeline
     from depthcli.io.calibration import keep_camera
-    from depthcli.jobs.calibrate import CalibrationRequest
+    from depthcli.jobs.calibrate import CalibrationRequest, KnownObject
     from depthcli.jobs.calibrate import calibrate as measure
 
     seen_by, count = parse.camera(camera), len(images or ())
@@ -65,13 +61,17 @@ def calibrate(
         raise UsageError("", "name images of the camera, or a folder of {pairs}")
     if count > 1 and not truth.anchors:
         raise UsageError("", "{anchor} and {known_object} are for one image")
+    known_object = None
+    if truth.known_object is not None:
+        form = ("X0,Y0,X1,Y1,METRES", "310,120,360,420,1.75", _is_object)
+        known_object = KnownObject(*parse.numbers(truth.known_object, *form, "known_object"))
     request = CalibrationRequest(
         name,
         pipeline=Pipeline(parse.session_loader(model.model, model.runtime).load()),
         images=tuple(images or ()),
         pairs=truth.pairs,
         anchors=anchors,
-        known_object=None if truth.known_object is None else _object(truth.known_object),
+        known_object=known_object,
         camera=seen_by,
     )
     done = measure(request)
@@ -91,13 +91,5 @@ def calibrate(
     return ExitCode.OK
 
 
-def _object(word: str) -> KnownObject:
-    from depthcli.cli import parse
-    from depthcli.jobs.calibrate import KnownObject
-
-    def holds(x0: float, y0: float, x1: float, y1: float, height_m: float) -> bool:
-        return x0 < x1 and y0 < y1 and height_m > 0
-
-    example = "310,120,360,420,1.75"
-    numbers = parse.numbers(word, "X0,Y0,X1,Y1,METRES", example, holds, "known_object")
-    return KnownObject(*numbers)
+def _is_object(x0: float, y0: float, x1: float, y1: float, height_m: float) -> bool:
+    return x0 < x1 and y0 < y1 and height_m > 0

@@ -87,7 +87,6 @@ def convert(
     Exit codes: 0 success, 1 some inputs failed, 2 usage error.
     """
     from depthcli.cli import parse
-    from depthcli.cli.screen import console
     from depthcli.cli.screen.results import print_conversion, print_conversions
     from depthcli.core.parallel import share_cores
     from depthcli.io.storage.paths import path_of, safe_name
@@ -109,12 +108,10 @@ def convert(
     if format_ is Format.PREVIEW and writing.preview.side_by_side != (inputs.image is not None):
         raise UsageError("", "give both {side_by_side} and {image}, or neither")
     seen_by, options = parse.camera(camera), parse.writer_options(writing)
-    if not screen.quiet:
-        console.warn_all(seen_by.warnings)
-        of_camera = _CAMERA if depth_file.from_kind in _OF_CAMERA else ()
-        written = {name: word for name, word in explicit.items() if name not in of_camera}
-        unused = parse.unused_by_outputs(written, [format_], options, used_by=FORMAT_OPTIONS)
-        console.warn_all(unused)
+    of_camera = _CAMERA if depth_file.from_kind in _OF_CAMERA else ()
+    written = {name: word for name, word in explicit.items() if name not in of_camera}
+    unused = parse.unused_by_outputs(written, [format_], options, used_by=FORMAT_OPTIONS)
+    screen.warn_all([*seen_by.warnings, *unused])
     count = share_cores(workers)[0]
     request = job.ConvertRequest(
         source=source,
@@ -139,7 +136,7 @@ def convert(
     if as_video is not None:
         warnings: list[str] = []
         print_conversions(job.convert_to_video(request, as_video, warnings), "frames", screen)
-        console.warn_all(() if screen.quiet else warnings)
+        screen.warn_all(warnings)
     elif is_numbered:
         print_conversions(job.convert_video(request, count), "frames", screen)
     else:

@@ -4,10 +4,8 @@ import dataclasses
 
 import typer
 
-from depthcli.cli import completion
-from depthcli.cli.options import JsonOption
+from depthcli.cli.options import JsonOption, models, providers
 from depthcli.cli.screen import console
-from depthcli.core.options import one_line
 from depthcli.errors import ExitCode
 
 
@@ -16,13 +14,13 @@ def doctor(
         None,
         "--model",
         metavar="MODEL",
-        autocompletion=completion.models,
+        autocompletion=models,
         help="Model to check, by name or path.",
     ),
     provider: str = typer.Option(
         "auto",
         metavar="NAME",
-        autocompletion=completion.providers,
+        autocompletion=providers,
         help="Execution provider to check.",
     ),
     as_json: JsonOption = False,
@@ -36,8 +34,6 @@ def doctor(
     failed = False
     for check in check_installation(model, provider):
         failed = failed or check.status == "failed"
-        if as_json:
-            console.out_json(dataclasses.asdict(check))
-        else:
-            console.out(f"{check.status:<8} {check.name:<24} {one_line(check.detail)}")
+        text = f"{check.status:<8} {check.name:<24} {check.detail}"
+        console.show(dataclasses.asdict(check), text, as_json=as_json)
     return ExitCode.FAILURE if failed else ExitCode.OK

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from depthcli.cli import completion
-from depthcli.cli.options import JsonOption, OverwriteOption, QuietOption
+from depthcli.cli import options
+from depthcli.cli.options import JsonOption, OverwriteOption, ScreenOptions
 from depthcli.cli.screen import console
 from depthcli.core.camera import hfov_deg
 from depthcli.core.options import one_line
@@ -22,7 +22,7 @@ _Name = Annotated[
     str,
     typer.Argument(
         metavar="[MODEL]",
-        autocompletion=completion.models_and_cards,
+        autocompletion=lambda: [*options.models(), *options.cards()],
         help="Model name, .onnx file, folder with a card.json, or name of a ready card.",
     ),
 ]
@@ -32,7 +32,7 @@ def add_model_file(
     file: str = typer.Argument(
         ...,
         metavar="FILE",
-        autocompletion=completion.cards,
+        autocompletion=options.cards,
         help="ONNX file with embedded weights, or its URL; or a ready card or card.json that says "
         "where to download it.",
     ),
@@ -40,7 +40,7 @@ def add_model_file(
         None,
         "--card",
         metavar="CARD",
-        autocompletion=completion.cards,
+        autocompletion=options.cards,
         help="A card.json, or the name of a ready card ('depthcli models cards'). Default: the "
         "card in the file, or next to it on this machine.",
     ),
@@ -53,8 +53,8 @@ def add_model_file(
     sha256: str | None = typer.Option(
         None, metavar="HEX", help="SHA-256 checksum that the file must have."
     ),
-    as_json: JsonOption = False,
-    quiet: QuietOption = False,
+    *,
+    screen: ScreenOptions,
 ) -> int:
     """Add an ONNX model after checking its card.
 
@@ -67,14 +67,14 @@ def add_model_file(
     from depthcli.models.card import check_command, preprocessing_check, verification_text
 
     published = published_model(file) if card is None else None
-    if published and not (as_json or quiet):
+    if published and screen.shows_text:
         size = size_text(published.weights) or "of unknown size"
         console.note(one_line(f"{published.url}, {size}, licence {published.card.license}"))
-    with show_progress(silent=as_json or quiet) as progress:
+    with show_progress(screen) as progress:
         source = published or path_of(file)
         model = add_model(source, card, name=name, force=force, sha256=sha256, progress=progress)
     name, folder, check = model.card.name, model.path.parent, preprocessing_check(model.card)
-    if as_json:
+    if screen.as_json:
         added: dict[str, object] = {"name": name, "path": str(folder), "sha256": model.sha256}
         added |= {"license": model.card.license}
         added |= {"url": str(published.url)} if published else {}
@@ -83,7 +83,7 @@ def add_model_file(
             added["preprocessing"] = extra_fields | {"check": check_command(model.card)}
         console.out_json(added)
         return ExitCode.OK
-    if quiet:
+    if screen.quiet:
         return ExitCode.OK
     console.out(one_line(f"{name}: {output_text(model.card)}, in {folder}"))
     verified = "not verified" if check is None else f"verified: {check.verified}"
@@ -150,7 +150,7 @@ def write_new_card(
 
 def remove_models(
     models: list[str] = typer.Argument(
-        ..., metavar="NAME...", autocompletion=completion.models, help="Names of added models."
+        ..., metavar="NAME...", autocompletion=options.models, help="Names of added models."
     ),
 ) -> int:
     """Remove added models."""
@@ -167,7 +167,7 @@ def list_cards(
     names: list[str] | None = typer.Argument(
         None,
         metavar="[CARD...]",
-        autocompletion=completion.cards,
+        autocompletion=options.cards,
         help="Show everything about these cards. Default: the list of all.",
     ),
     as_json: JsonOption = False,
@@ -290,7 +290,7 @@ def verify(
     models: list[str] | None = typer.Argument(
         None,
         metavar="[MODEL...]",
-        autocompletion=completion.models,
+        autocompletion=options.models,
         help="Model names or paths. Default: all listed models.",
     ),
     as_json: JsonOption = False,

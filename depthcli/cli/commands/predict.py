@@ -76,10 +76,9 @@ def predict(
         **parse.map_options(camera, anchors, read, detail, writing, eye=eye),
     )
     results = job.predict(request)
-    if not screen.quiet:
-        console.warn_all(request.warnings)
-        console.warn_all(parse.unused_by_outputs(explicit, destination.wanted, request.writing))
-        console.warn_all(f"{safe_name(name)} was written by depthcli; skipped" for name in skipped)
+    unused = parse.unused_by_outputs(explicit, destination.wanted, request.writing)
+    of_depthcli = [f"{safe_name(name)} was written by depthcli; skipped" for name in skipped]
+    screen.warn_all([*request.warnings, *unused, *of_depthcli])
     from depthcli.cli.screen.results import print_result
     from depthcli.jobs.image import FailedInput
 

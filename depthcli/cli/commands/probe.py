@@ -9,7 +9,6 @@ import typer
 
 from depthcli.cli import options as groups
 from depthcli.cli.screen import console
-from depthcli.core.options import one_line
 from depthcli.errors import ExitCode, Message
 
 if TYPE_CHECKING:
@@ -59,14 +58,11 @@ def probe(
     unit = depth.unit
     for word, area, value in zip(places, areas, depths, strict=True):
         name = word if isinstance(area, str) else ",".join(map(str, area))
-        if not as_json:
-            console.out(one_line(f"{name}  {_text(value, unit)}"))
-        elif isinstance(value, AreaDepth):
-            facts = asdict(value)
-            quantiles = facts.pop("quantiles")
-            console.out_json({"area": name, **quantiles, **facts, "unit": unit})
-        else:
-            console.out_json({"x": area[0], "y": area[1], **asdict(value), "unit": unit})
+        facts = asdict(value) | {"unit": unit}
+        place = {"x": area[0], "y": area[1]}
+        if isinstance(value, AreaDepth):
+            place = {"area": name, **facts.pop("quantiles")}
+        console.show(place | facts, f"{name}  {_text(value, unit)}", as_json=as_json)
         if isinstance(value, AreaDepth) and value.is_on_edge:
             problem = "the box holds a near and a far surface, so its median may be of neither"
             console.warn(Message(problem, "make it smaller, or give a mask").about(name))

@@ -188,9 +188,10 @@ def video(
     if screen.as_json and to_stdout:
         raise UsageError("-o - and --json both write to stdout; name a file with -o")
     destination = video_destination(output.out, output.formats or (), sidecar=output.sidecar)
-    say = (lambda _text: None) if screen.quiet else console.warn
     raw = None if frames.raw is None else parse_raw(frames.raw)
-    stream = live_stream(file, is_live=frames.live, raw=raw, say=say)
+    stream = live_stream(
+        file, is_live=frames.live, raw=raw, say=lambda text: screen.warn_all([text])
+    )
     look_ahead = detail.look_ahead
     if look_ahead is None:
         look_ahead = LOOK_AHEAD if stream is None else 0  # a stream is shown as it comes
@@ -228,18 +229,16 @@ def video(
         raw=raw,
         page=page,
     )
-    if not screen.quiet:
-        console.warn_all(settings.camera.warnings)
-        formats = [*destination.wanted, *([] if page is None else [VideoFormat.MP4])]
-        how = settings.writing, FORMAT_OPTIONS
-        console.warn_all(parse.unused_by_outputs(explicit, formats, *how))
+    formats = [*destination.wanted, *([] if page is None else [VideoFormat.MP4])]
+    unused = parse.unused_by_outputs(explicit, formats, settings.writing, FORMAT_OPTIONS)
+    screen.warn_all([*settings.camera.warnings, *unused])
     result: VideoResult | FailedInput
     try:
         with (
             nullcontext()
             if stream is None
             else graceful_shutdown(_GRACE_PERIOD_S, stream.stop.set),
-            show_progress(silent=screen.quiet or screen.as_json) as progress,
+            show_progress(screen) as progress,
         ):
             result = job.video(request, progress)
     except (InputError, OutputError) as error:

@@ -53,8 +53,7 @@ def view(
         writing=WriterOptions(**asdict(surface)),
         overwrite=overwrite,
     )
-    if not screen.quiet:
-        console.warn_all(seen_by.warnings)
+    screen.warn_all(seen_by.warnings)
     result = convert(request)
     print_conversion(result, screen)
     if is_opened:

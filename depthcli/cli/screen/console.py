@@ -7,6 +7,7 @@ import os
 import re
 import sys
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, cast
 
 from depthcli.core.options import one_line
@@ -35,7 +36,6 @@ _OPTIONS = {
     "eye_distance_m": "eye-distance",
     "convergence_m": "convergence",
 }  #: names of options that differ from those of their parameters
-SETTINGS = {"progress": "auto"}  #: of the command line that runs
 _bars: list[Progress] = []  #: the active progress bar, if there is one
 
 
@@ -44,15 +44,11 @@ def above(bar: Progress) -> Iterator[None]:
     """Print lines above a progress bar, which is cleared if the process ends."""
     _bars.append(bar)
     try:
-        with exit_hook(_clear_bar):
+        # It clears the line and shows the cursor, without waiting for Rich's lock.
+        with exit_hook(partial(os.write, sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h")):
             yield
     finally:
         _bars.remove(bar)
-
-
-def _clear_bar() -> None:
-    """Clear the line and show the cursor, without waiting for Rich's lock."""
-    os.write(sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h")
 
 
 def out(text: str) -> None:
@@ -65,6 +61,14 @@ def out_json(values: Mapping[str, object]) -> None:
     with os_errors_as(OutputError, "cannot write standard output"):
         sys.stdout.write(json.dumps(values, ensure_ascii=True, allow_nan=False) + "\n")
         sys.stdout.flush()
+
+
+def show(facts: Mapping[str, object], *lines: str, as_json: bool) -> None:
+    """Print a result to standard output: an object, or lines of text."""
+    if as_json:
+        out_json(facts)
+    for line in () if as_json else lines:
+        out(one_line(line))
 
 
 def worded(text: str) -> str:

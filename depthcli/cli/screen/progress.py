@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from rich.progress import Progress as Bars
 
+    from depthcli.cli.options import ScreenOptions
+
 _LINE_EVERY_S = 10.0
 _BAR_EVERY_S = 0.2
 _JSON_EVERY_S = 0.5
@@ -120,13 +122,13 @@ class ProgressDisplay(NamedTuple):
 
 
 @contextmanager
-def show_progress(*, silent: bool) -> Iterator[ProgressDisplay]:
-    """Show progress during the block, unless ``silent`` and not asked for as JSON."""
-    if console.SETTINGS["progress"] == "json":
+def show_progress(screen: ScreenOptions) -> Iterator[ProgressDisplay]:
+    """Show progress during the block, as JSON or where text is shown."""
+    if screen.progress == "json":
         yield ProgressDisplay(None, silent=True, as_json=True)
         return
-    if silent or not sys.stderr.isatty():
-        yield ProgressDisplay(None, silent)
+    if not (screen.shows_text and sys.stderr.isatty()):
+        yield ProgressDisplay(None, silent=not screen.shows_text)
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -142,4 +144,4 @@ def show_progress(*, silent: bool) -> Iterator[ProgressDisplay]:
         redirect_stdout=False,  # else redirected results would go to the terminal
     )
     with bars, console.above(bars):
-        yield ProgressDisplay(bars, silent)
+        yield ProgressDisplay(bars, silent=False)

@@ -7,7 +7,7 @@ from collections import Counter
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
@@ -16,7 +16,7 @@ from depthcli.errors import SIGNAL_BASE, EngineError, ModelError, UsageError, ab
 from depthcli.io.listing.folder import skip_summary
 from depthcli.io.stored.metadata import camera_text
 from depthcli.jobs.image import FailedInput, depth_facts
-from depthcli.jobs.predict_images import PredictResult
+from depthcli.jobs.predict import PredictResult
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable
@@ -63,9 +63,9 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
             of_input = (text for text in result.row.warnings if text not in batch.warnings)
             console.warn_all(of_input, name=result.row.input)
 
-    console.warn_all(() if quiet else batch.warnings)
+    screen.warn_all(batch.warnings)
     try:
-        with show_progress(silent=quiet or as_json) as progress, closing(batch):
+        with show_progress(screen) as progress, closing(batch):
             stage = progress.begin("", tally.total, "inputs")
             for result in batch:
                 show(result)
@@ -82,26 +82,24 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
     finally:
         for result in batch.late:
             show(result)
-        _print_failures(batch, quiet=quiet)
-        if not quiet:
-            _print_counts(plan, batch, console.note if as_json else console.out)
-            if resumes and tally.completed < tally.total and not batch.stopped:
-                console.note("stopped early; run the same command again to resume")
+        _print_summary(batch, plan, screen)
+        is_short = tally.completed < tally.total and not batch.stopped
+        if resumes and is_short and not quiet:
+            console.note("stopped early; run the same command again to resume")
 
 
-def _print_failures(batch: Batch, *, quiet: bool) -> None:
-    failures = batch.tally.failures
-    for name, reason in failures:
+def _print_summary(batch: Batch, plan: BatchPlan, screen: ScreenOptions) -> None:
+    tally, elapsed_s = batch.tally, time.monotonic() - batch.tally.start_s
+    for name, reason in tally.failures:
         console.error(about(name, reason))
     if batch.stopped:
         console.error(f"stopped because {batch.stopped}; fix the cause and run it again")
-    if failures and quiet:
-        console.note(f"{len(failures)} of {batch.tally.total} inputs failed")
-
-
-def _print_counts(plan: BatchPlan, batch: Batch, say: Callable[[str], None]) -> None:
-    tally, elapsed_s = batch.tally, time.monotonic() - batch.tally.start_s
+    if screen.quiet:
+        if tally.failures:
+            console.note(f"{len(tally.failures)} of {tally.total} inputs failed")
+        return
     _warn_of_loops(plan.loops)
+    say = console.note if screen.as_json else console.out
     parts = [f"{tally.done - len(tally.failures)} of {tally.total} inputs done"]
     parts += [f"{tally.kept} already done"] if tally.kept else []
     parts += [f"{len(tally.failures)} failed"] if tally.failures else []
@@ -157,12 +155,11 @@ def print_result(
     if isinstance(result, FailedInput):
         print_failed(result, as_json=screen.as_json)
         return
-    outcome: Any = result
-    is_image = isinstance(result, PredictResult)
     if screen.as_json:
-        console.out_json(image_json(outcome) if is_image else video_json(outcome))
+        facts = image_json(result) if isinstance(result, PredictResult) else video_json(result)
+        console.out_json(facts)
     elif not screen.quiet:
-        text = image_text(outcome) if is_image else video_text(outcome)
+        text = image_text(result) if isinstance(result, PredictResult) else video_text(result)
         (console.note if to_stderr else console.out)(text)
         console.warn_all(result.warnings, name=result.name)
     if not isinstance(result, PredictResult) and result.problem:
@@ -259,7 +256,7 @@ def print_conversions(
     failures, warned = list[FailedInput](), list[str]()  # the first warning of each frame
     converted, lost, max_error, in_metres = 0, 0, -1.0, " m"
     _warn_of_loops(plan.loops if plan and not screen.quiet else ())
-    with show_progress(silent=screen.quiet or screen.as_json) as progress, closing(results):
+    with show_progress(screen) as progress, closing(results):
         stage = progress.begin("", len(plan.inputs) if plan else None, unit)
         for result in results:
             stage.file = result.name if isinstance(result, FailedInput) else result.source
@@ -289,7 +286,7 @@ def print_conversions(
         trips = f"; round trip: max error {max_error:.3g}{in_metres}, {lost} pixels lost"
         text = ", ".join(parts) + (trips if max_error >= 0 else "")
         (console.note if screen.as_json else console.out)(text)
-    if warned and not (screen.quiet or screen.as_json):
+    if warned and screen.shows_text:
         first = console.worded(warned[0])
         console.warn(f"{len(warned)} {unit} have warnings, the first: {first}")
     return len(failures)

@@ -10,16 +10,6 @@ from depthcli.io.manifest import Journal, Rows, known_rows
 
 
 @dataclass(frozen=True, slots=True)
-class ModelInputs:
-    """Number of inputs that one model processed."""
-
-    model: str  #: its name
-    model_sha256: str  #: checksum of its file
-    version: str  #: of depthcli
-    inputs: int
-
-
-@dataclass(frozen=True, slots=True)
 class Summary:
     """Sums over the rows of a manifest."""
 
@@ -28,7 +18,8 @@ class Summary:
     outputs: int  #: files
     output_bytes: int
     seconds: float  #: processing time of all inputs, each from opening it to its last output
-    models: tuple[ModelInputs, ...]
+    #: name and checksum of each model, version of depthcli, and number of inputs it processed
+    models: tuple[dict[str, str | int], ...]
 
 
 def read_rows(path: Path) -> Rows:
@@ -64,7 +55,8 @@ def summarize(rows: Rows) -> Summary:
         output_bytes += sum(file.bytes for file in row.outputs)
         seconds += row.seconds
         models[row.key.model, row.key.model_sha256, row.key.version] += 1
-    by_model = tuple(ModelInputs(*model, inputs) for model, inputs in models.items())
+    names = ("model", "model_sha256", "version")
+    by_model = tuple(dict(zip(names, m, strict=True)) | {"inputs": n} for m, n in models.items())
     return Summary(models.total(), failed, outputs, output_bytes, round(seconds, 6), by_model)
 
 

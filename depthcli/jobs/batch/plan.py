@@ -16,7 +16,7 @@ from depthcli.io.manifest import WHOLE, Shard
 from depthcli.io.media import ARCHIVE_SUFFIXES, is_archive, is_video
 from depthcli.io.storage import paths
 from depthcli.io.tables import read_lenses
-from depthcli.jobs.output_names import OutputNames, sharing_stem, stem
+from depthcli.jobs.outputs import OutputNames, sharing_stem, stem
 from depthcli.video.formats import VideoFormat
 
 
@@ -35,14 +35,7 @@ class BatchPlan:
     intrinsics: Mapping[str, Intrinsics] = field(default_factory=dict)
     same_stem: frozenset[str] = frozenset()  #: images whose stem is that of another image
     is_part: bool = False  #: whether other files of the folder may be inputs of other batches
-    camera_warnings: tuple[str, ...] = ()  #: what in that table matches no input, and vice versa
-
-    @property
-    def warnings(self) -> Iterator[str]:
-        """Warnings before the start, one line each."""
-        yield from self.camera_warnings
-        if unreadable := listing.conversion_hint(self.skipped):
-            yield unreadable
+    warnings: tuple[str, ...] = ()  #: before the start, one line each
 
     @property
     def images(self) -> Iterator[listing.InputFile]:
@@ -54,57 +47,10 @@ class BatchPlan:
         """The videos, and the archives of images."""
         return (file for file in self.inputs if holds_many(file.name))
 
-    def folders(self) -> set[Path]:
-        """The folders of the outputs."""
-        return {self.out, *((self.out / file.name).parent for file in self.inputs)}
-
 
 def holds_many(name: str) -> bool:
     """Whether a name is a video's, or that of an archive of images."""
     return is_video(name) or is_archive(name)
-
-
-class CameraTable:
-    """Finds the camera of each input, and notes which rows match.
-
-    A row's id is the name of an input (``hall/a.jpg``), or the name without suffix (``hall/a``).
-    """
-
-    def __init__(self, cameras: Mapping[str, Intrinsics], source: str = "the table") -> None:
-        self._cameras, self._source = cameras, source
-        self._unused = dict.fromkeys(cameras)
-
-    def camera_of(self, name: str) -> Intrinsics | None:
-        """The camera of an input; None if it has no row, or an empty one."""
-        row_id = name if name in self._cameras else stem(name)
-        self._unused.pop(row_id, None)
-        return self._cameras.get(row_id)
-
-    def warnings(self, inputs: int, unmatched: int) -> Iterator[str]:
-        """Patterns that did not match; UsageError if no row matches. ``unmatched`` have no row."""
-        unused = list(self._unused)
-        if unused and inputs and len(unused) == len(self._cameras):
-            raise UsageError(
-                f"no row of {self._source} with a camera matches an input; an id is the path of an "
-                "input from the folder, with or without its suffix, but the first is "
-                f"{short_repr(unused[0])}"
-            )
-        if unmatched:
-            yield (
-                f"{self._source} has no camera for {unmatched} of {inputs} inputs; their focal "
-                "lengths are those in EXIF, or assumed"
-            )
-        if unused:
-            rows = f"{len(unused)} of {len(self._cameras)} rows of {self._source}"
-            yield f"{rows} match no input, for example {short_repr(unused[0])}"
-
-
-def read_cameras(source: str) -> CameraTable:
-    """The table in a CSV file or URI; UsageError if it cannot be read, or has invalid rows."""
-    try:
-        return CameraTable(read_lenses(paths.path_of(source)), os.fspath(source))
-    except InputError as error:
-        raise UsageError(str(error), option="cameras") from error
 
 
 _OUTPUT_SUFFIXES = (
@@ -113,73 +59,84 @@ _OUTPUT_SUFFIXES = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class InputCollector:
-    """Collects the inputs of a shard and the files that are skipped."""
-
-    out: str  #: the output folder
-    names_filter: listing.NameFilter  #: which files are inputs
-    shard: Shard  #: the part of them that is planned
-    cameras: CameraTable | None  #: of each input
-    _inputs: dict[str, listing.InputFile] = field(default_factory=dict)
-    _skipped: dict[listing.Skipped, None] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        paths.check_writable(paths.path_of(self.out))
-
-    def skip(self, file: listing.Skipped) -> None:
-        """Add a skipped file."""
-        if self.shard.holds(file.name):
-            self._skipped[file] = None
-
-    def plan(
-        self,
-        media: Iterable[listing.InputFile],
-        where: str,
-        loops: tuple[str, ...] = (),
-        *,
-        is_list: bool = False,
-    ) -> BatchPlan:
-        """Make a plan of images and videos; the order of a list does not count."""
-        places, cameras = listing.RealPaths(), self.cameras
-        all_names, like_outputs, intrinsics = set[str](), set[str](), dict[str, Intrinsics]()
-        for file in media:
-            reason = None if file.problem else self.names_filter.refusal(file.name)
-            if reason is not None:
-                self.skip(listing.Skipped(file.name, reason))
-                continue
+def _planned(
+    files: Iterable[tuple[listing.InputFile, str | None]],
+    where: str,
+    out: str,
+    names_filter: listing.NameFilter,
+    shard: Shard,
+    cameras: str | None,
+    loops: tuple[str, ...] = (),
+    *,
+    is_list: bool = False,
+) -> BatchPlan:
+    """The plan of files, each with why it is no input; the order of a list does not count."""
+    paths.check_writable(paths.path_of(out))
+    try:
+        table = {} if cameras is None else read_lenses(paths.path_of(cameras))
+    except InputError as error:
+        raise UsageError(str(error), option="cameras") from error
+    places = listing.RealPaths()
+    inputs, skipped = dict[str, listing.InputFile](), dict[listing.Skipped, None]()
+    all_names, like_outputs = set[str](), set[str]()
+    for file, refusal in files:
+        reason = refusal or (None if file.problem else names_filter.refusal(file.name))
+        if reason is None:
             all_names.add(file.name)
             like_outputs.update(p for p in places.all_of(file.path) if p.endswith(_OUTPUT_SUFFIXES))
-            camera = cameras.camera_of(file.name) if cameras else None
-            if self.shard.holds(file.name):
-                self._add(file, places)
-                intrinsics |= {file.name: camera} if camera is not None else {}
-        if not all_names:
-            _check_any([*self._skipped], where)
-        names, count = OutputNames(all_names), len(self._inputs)
-        unmatched = count - len(intrinsics)
-        return BatchPlan(
-            out=paths.path_of(self.out),
-            inputs=tuple(sorted(self._inputs.values()) if is_list else self._inputs.values()),
-            names=names,
-            skipped=tuple(self._skipped),
-            loops=loops,
-            like_outputs=frozenset(like_outputs),
-            shard=self.shard,
-            intrinsics=intrinsics,
-            same_stem=sharing_stem(name for name in names.longer if not is_video(name)),
-            is_part=is_list or bool(self.names_filter.include or self.names_filter.exclude),
-            camera_warnings=tuple(cameras.warnings(count, unmatched)) if cameras else (),
-        )
+        if not shard.holds(file.name):
+            continue
+        first = file if reason else inputs.setdefault(file.name, file)
+        if first is not file:
+            if places.of(first.path) != places.of(file.path):  # outside the list's folder
+                problem = f"{first.path} and {file.path} would both become {file.name}"
+                raise UsageError(problem, "list them for batches with different {out}")
+            reason = listing.TWICE
+        if reason is not None:
+            skipped[listing.Skipped(file.name, reason)] = None
+    if not all_names:
+        _check_any([*skipped], where)
+    names = OutputNames(all_names)
+    rows = {name: name if name in table else stem(name) for name in all_names if table}
+    intrinsics = {name: table[rows[name]] for name in inputs if rows.get(name) in table}
+    used = set(rows.values())
+    unused = [row for row in table if row not in used]
+    unmatched = len(inputs) - len(intrinsics)
+    warnings = [*_camera_warnings(cameras, len(table), unused, len(inputs), unmatched)]
+    if unreadable := listing.conversion_hint(tuple(skipped)):
+        warnings.append(unreadable)
+    return BatchPlan(
+        out=paths.path_of(out),
+        inputs=tuple(sorted(inputs.values()) if is_list else inputs.values()),
+        names=names,
+        skipped=tuple(skipped),
+        loops=loops,
+        like_outputs=frozenset(like_outputs),
+        shard=shard,
+        intrinsics=intrinsics,
+        same_stem=sharing_stem(name for name in names.longer if not is_video(name)),
+        is_part=is_list or bool(names_filter.include or names_filter.exclude),
+        warnings=tuple(warnings),
+    )
 
-    def _add(self, file: listing.InputFile, places: listing.RealPaths) -> None:
-        first = self._inputs.setdefault(file.name, file)
-        if first is file:
-            return
-        if places.of(first.path) != places.of(file.path):  # outside the list's folder
-            problem = f"{first.path} and {file.path} would both become {file.name}"
-            raise UsageError(problem, "list them for batches with different {out}")
-        self.skip(listing.Skipped(file.name, listing.TWICE))
+
+def _camera_warnings(
+    source: str | None, rows: int, unused: Sequence[str], inputs: int, unmatched: int
+) -> Iterator[str]:
+    """What does not match; UsageError if no row does. ``unmatched`` inputs have no row."""
+    if unused and inputs and len(unused) == rows:
+        raise UsageError(
+            f"no row of {source} with a camera matches an input; an id is the path of an input "
+            f"from the folder, with or without its suffix, but the first is {short_repr(unused[0])}"
+        )
+    if unmatched and source is not None:
+        yield (
+            f"{source} has no camera for {unmatched} of {inputs} inputs; their focal lengths are "
+            "those in EXIF, or assumed"
+        )
+    if unused:
+        example = f"match no input, for example {short_repr(unused[0])}"
+        yield f"{len(unused)} of {rows} rows of {source} {example}"
 
 
 def _check_any(skipped: Sequence[listing.Skipped], where: str) -> None:
@@ -199,7 +156,7 @@ def plan_folder(
     out: str | os.PathLike[str],
     names_filter: listing.NameFilter = listing.ANY,
     shard: Shard = WHOLE,
-    cameras: CameraTable | None = None,
+    cameras: str | None = None,
 ) -> BatchPlan:
     """Plan all images and videos in a folder tree, or its archives if it holds no other.
 
@@ -217,18 +174,18 @@ def plan_folder(
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
         advice = "choose another folder, for example one inside it"
         raise UsageError(f"{out} is the folder of the inputs", advice, option="out")
-    collector = InputCollector(out, names_filter, shard, cameras)
     tree = listing.list_folder(root, leave_out=out, skip=names_filter.excludes)
-    media = list(tree.media)
-    if media and media[0].name == ".":
-        raise UsageError(f"{media[0].problem}")
-    for file in tree.skipped:
-        is_archive = file.reason in ARCHIVE_SUFFIXES
-        if tree.media or not is_archive or is_own_output(file.name):
-            collector.skip(file)
-        else:  # a data set in archives alone
-            media.append(listing.InputFile(file.name, paths.join(root, file.name)))
-    return collector.plan(media, paths.safe_name(root), loops=tuple(tree.loops))
+    if tree.media and tree.media[0].name == ".":
+        raise UsageError(f"{tree.media[0].problem}")
+    files = list[tuple[listing.InputFile, str | None]]()
+    for name, reason in tree.skipped:
+        # A data set may be in archives alone.
+        is_input = not tree.media and reason in ARCHIVE_SUFFIXES and not is_own_output(name)
+        file = listing.InputFile(name, paths.join(root, name))
+        files.append((file, None if is_input else reason))
+    files += [(file, None) for file in tree.media]
+    where, loops = paths.safe_name(root), tuple(tree.loops)
+    return _planned(files, where, out, names_filter, shard, cameras, loops)
 
 
 def plan_files(
@@ -238,7 +195,7 @@ def plan_files(
     out: str | os.PathLike[str],
     names_filter: listing.NameFilter = listing.ANY,
     shard: Shard = WHOLE,
-    cameras: CameraTable | None = None,
+    cameras: str | None = None,
 ) -> BatchPlan:
     """Plan the files of a list, with any suffix; ``source`` is the name of the list in messages.
 
@@ -246,13 +203,9 @@ def plan_files(
     absolute paths keep all their folders. Of the files of other shards, only names are kept.
     """
     root = None if root is None else paths.without_file_scheme(root)
-    collector = InputCollector(paths.without_file_scheme(out), names_filter, shard, cameras)
-
-    def images() -> Iterator[listing.InputFile]:
-        for file in listed_inputs(words, root):
-            if file.problem is None and is_own_output(file.path):
-                collector.skip(listing.Skipped(file.name, listing.OWN))
-            else:
-                yield file
-
-    return collector.plan(images(), f"the list {paths.safe_name(source)}", is_list=True)
+    files = (
+        (file, listing.OWN if file.problem is None and is_own_output(file.path) else None)
+        for file in listed_inputs(words, root)
+    )
+    where, out = f"the list {paths.safe_name(source)}", paths.without_file_scheme(out)
+    return _planned(files, where, out, names_filter, shard, cameras, is_list=True)

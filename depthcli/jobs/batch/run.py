@@ -109,11 +109,11 @@ class Batch(Iterator[BatchResult]):
         focal = () if options.anchors else focal_warnings(session.model.card, camera)
         self._chunk = request.batch_size or (1 if session.provider == CPU else GPU_BATCH)
         self._plan = plan
-        TaskBuilder(plan, options.formats, None, options.layout).check_conflicts()
+        TaskBuilder(plan, options).check_conflicts()
         self._tables = options.layout, options.transforms, plan.out
         check_tables(*self._tables, overwrite=options.overwrite)
         self._journal: Journal | None = Journal(plan.out, plan.shard, plan.names.names)
-        self._tasks = TaskBuilder(plan, options.formats, self._journal, options.layout)
+        self._tasks = TaskBuilder(plan, options, self._journal)
         self.manifest = self._journal.manifest
         self._remove_stale()  # of killed runs, which may fill the disk
         self.warnings = (*plan.warnings, *options.camera.warnings, *session.warnings, *focal)
@@ -171,7 +171,9 @@ class Batch(Iterator[BatchResult]):
         self._remove_stale()  # of this run: workers of a cluster can be killed
 
     def _remove_stale(self) -> None:
-        for folder in self._plan.folders() if self._plan.shard == WHOLE else ():
+        out, inputs = self._plan.out, self._plan.inputs
+        folders = {out, *((out / file.name).parent for file in inputs)}
+        for folder in folders if self._plan.shard == WHOLE else ():
             remove_stale(folder)
 
 
@@ -188,10 +190,10 @@ class DryRunResult:
 def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRunResult]:
     """Yield the plan for each input, in order; UsageError if an output would replace an input."""
     plan, options = request.plan, request.options
-    TaskBuilder(plan, options.formats, None, options.layout).check_conflicts()
+    TaskBuilder(plan, options).check_conflicts()
     key = WorkerSpec(request.model, session.model.sha256, options, plan.out).key(session)
     rows = known_rows(plan.out, plan.shard, plan.names.names)
-    tasks = TaskBuilder(plan, options.formats, rows, options.layout)
+    tasks = TaskBuilder(plan, options, rows)
     return (_dry_run_of(tasks.task(file), request, key) for file in plan.inputs)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -199,21 +199,15 @@ class BatchTask:
 class TaskBuilder:
     """Makes the task of each input of a batch."""
 
-    def __init__(
-        self,
-        plan: BatchPlan,
-        formats: Iterable[Format],
-        rows: Rows | None = None,
-        layout: SceneLayout | None = None,
-    ) -> None:
-        """Begin with the formats of images, the rows of earlier batches, and whose names to use.
+    def __init__(self, plan: BatchPlan, options: BatchOptions, rows: Rows | None = None) -> None:
+        """Begin with the rows of earlier batches.
 
-        Videos get the counterparts of these formats, archives hold them.
+        Videos get the counterparts of the formats of images, archives hold them.
         """
-        chosen, self._layout = tuple(formats), layout
-        videos = tuple(COUNTERPARTS[format_] for format_ in chosen if format_ in COUNTERPARTS)
+        formats, self._layout = options.formats, options.layout
+        videos = tuple(COUNTERPARTS[format_] for format_ in formats if format_ in COUNTERPARTS)
         self._plan, self._rows = plan, rows or Rows(())
-        self._images = Destination(Kind.FOLDER, plan.out, chosen)
+        self._images = Destination(Kind.FOLDER, plan.out, formats)
         self._videos = Destination(Kind.FOLDER, plan.out, videos)
         self._rivals = {path: row.input for row in self._rows.others for path in _output_paths(row)}
 

@@ -14,8 +14,8 @@ from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, format_of
 from depthcli.io.storage import atomic, paths
-from depthcli.jobs.output_names import output_bases, stem
-from depthcli.jobs.outputs import STDIO, Destination, FormatRules, Kind, MapOptions
+from depthcli.jobs import outputs
+from depthcli.jobs.outputs import STDIO, Destination, Kind, MapOptions
 from depthcli.video import container, formats, numbering
 from depthcli.video.container import LiveStream
 from depthcli.video.formats import SEQUENCES, PreviewCodec, VideoFormat
@@ -59,7 +59,7 @@ def _of_pattern(name: str) -> VideoFormat | None:
     return None if format_of(name) is Format.PREVIEW else formats.sequence_of(name)
 
 
-_RULES = FormatRules(
+_RULES = outputs.FormatRules(
     (VideoFormat.MKV, VideoFormat.MP4),
     _of_name,
     formats.video_stem_of,
@@ -238,10 +238,10 @@ def video_base(source: Path | None) -> str:
     It is ``plate`` for ``plate.%04d.exr``, and for a folder ``plate`` of such images.
     """
     if source is None or not numbering.is_sequence(source):
-        return output_bases([source])[0]
+        return outputs.output_bases([source])[0]
     if source.is_dir():
         return source.resolve().name  # "." has no name
-    return stem(numbering.sequence_name(source.name))
+    return outputs.stem(numbering.sequence_name(source.name))
 
 
 def plan_video(request: VideoRequest) -> VideoPlan:

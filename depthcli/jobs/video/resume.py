@@ -2,9 +2,11 @@
 
 import json
 import re
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import TextIO
 
 from depthcli._version import __version__
 from depthcli.core.arrays import Float32Array
@@ -25,72 +27,40 @@ _NORMALS = (VideoFormat.NORMALS, VideoFormat.NORMALS_EXR)
 _NUMBER = re.compile(r"[0-9]{1,18}")
 
 
+@dataclass(slots=True)
 class FrameJournal:
-    """A hidden file beside numbered files: a fingerprint, then the numbers of finished frames.
+    """The frames that are finished, by an earlier run with the same fingerprint or by this one."""
 
-    It is removed when the run is complete or has written no frame, and kept if it is interrupted.
-
-    Attributes:
-        is_resumed: whether an earlier run with the same fingerprint was stopped.
-        earlier: numbers of frames that it finished.
-    """
-
-    def __init__(
-        self, path: Path | None = None, fingerprint: str = "", plan: VideoPlan | None = None
-    ) -> None:
-        """Read the journal of an earlier run, and begin to write; none without a path.
-
-        Frames with another ``fingerprint`` of input, model and options do not count.
-        """
-        self._path, self._file, self._plan = path, None, plan
-        self.is_resumed, self.earlier = False, frozenset[int]()
-        if path is None:
-            return
-        path.parent.mkdir(parents=True, exist_ok=True)
-        earlier = _finished(path, fingerprint)
-        self.is_resumed, self.earlier = earlier is not None, earlier or frozenset()
-        self._count = len(self.earlier)
-        path.unlink(missing_ok=True)
-        self._file = path.open("x", encoding="utf-8")
-        lines = (json.dumps(fingerprint), *map(str, sorted(self.earlier)))
-        self._file.write("".join(f"{line}\n" for line in lines))
-        self._file.flush()
+    plan: VideoPlan | None = None  #: of the numbered files; None if frames are not recorded
+    earlier: frozenset[int] = frozenset()  #: numbers of frames that the earlier run finished
+    is_resumed: bool = False  #: whether there was such a run, which was stopped
+    file: TextIO | None = None  #: where frames are recorded
+    count: int = 0  #: frames that are recorded
 
     def add(self, number: int) -> None:
         """Record that all files of a frame are written."""
-        if self._file is not None and number not in self.earlier:
-            self._file.write(f"{number}\n")
-            self._file.flush()
-            self._count += 1
+        if self.file is not None and number not in self.earlier:
+            self.file.write(f"{number}\n")
+            self.file.flush()
+            self.count += 1
 
     def depth(self, number: int) -> Float32Array | None:
         """Depth of a frame in the files of an earlier run, (H, W); None if it is to be predicted.
 
         All other outputs are made of it. Thread-safe.
         """
-        if self._plan is None or number not in self.earlier:
+        if self.plan is None or number not in self.earlier:
             return None
-        names = [self._plan.names.get(VideoFormat(format_)) for format_ in READABLE]  # best first
-        paths = [self._plan.folder / numbered_name(name, number) for name in names if name]
+        names = [self.plan.names.get(VideoFormat(format_)) for format_ in READABLE]  # best first
+        paths = [self.plan.folder / numbered_name(name, number) for name in names if name]
         try:
             maps = [read_stored_depth(path).displayed for path in paths]
         except InputError:
             return None
         return maps[0].values
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if self._path is None or self._file is None:
-            return
-        with suppress(OSError):  # of a full disk, which add has reported already
-            self._file.close()
-        if kind is None or not self._count:
-            self._path.unlink(missing_ok=True)
-
-
-def _finished(path: Path, fingerprint: str) -> frozenset[int] | None:
+def finished_frames(path: Path, fingerprint: str) -> frozenset[int] | None:
     """Numbers of frames that a run with this fingerprint finished; None without such a run."""
     if path.is_symlink() or not path.is_file():
         return None
@@ -117,10 +87,15 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline) -> float | None:
     return writing.units_per_metre
 
 
+@contextmanager
 def open_journal(
     plan: VideoPlan, source: FrameSource, pipeline: Pipeline, anchors: KnownDepthOfFrames
-) -> FrameJournal:
+) -> Iterator[FrameJournal]:
     """The record of this run, and of an earlier one if it can be resumed.
+
+    It is a hidden file beside numbered files: a fingerprint of input, model and options, then the
+    numbers of finished frames. It is removed when the run is complete or has written no frame, and
+    kept if it is interrupted.
 
     Only numbered files are kept. A run cannot be resumed with smoothing, as frames then depend on
     previous ones; in an object store; or if the other outputs cannot be made from the depth that is
@@ -128,7 +103,8 @@ def open_journal(
     """
     numbered = [kind for kind in plan.names if kind in SEQUENCES]
     if not numbered or isinstance(plan.folder, RemotePath):
-        return FrameJournal()
+        yield FrameJournal()
+        return
     path = plan.folder / f".{base_name(plan.names[numbered[0]])}.depthcli-frames"
     is_whole = rounding_scale(plan, pipeline) is not None or any(
         kind.facts.is_exact and not (plan.settings.writing.half and "half" in kind.facts.options)
@@ -139,10 +115,29 @@ def open_journal(
     can_resume = not plan.settings.smooth_s and bool(source.paths) and (is_whole or is_alone)
     can_resume &= is_readable
     with os_errors_as(OutputError, f"cannot write into {plan.folder}", "choose another {out}"):
+        journal = FrameJournal()
         if can_resume:
-            return FrameJournal(path, _origin(plan, source, pipeline, anchors), plan)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            origin = _origin(plan, source, pipeline, anchors)
+            earlier = finished_frames(path, origin)
+            numbers = earlier or frozenset()
+            journal = FrameJournal(plan, numbers, earlier is not None, count=len(numbers))
         path.unlink(missing_ok=True)
-    return FrameJournal()
+        if can_resume:
+            journal.file = path.open("x", encoding="utf-8")
+            lines = (json.dumps(origin), *map(str, sorted(journal.earlier)))
+            journal.file.write("".join(f"{line}\n" for line in lines))
+            journal.file.flush()
+    is_kept = True
+    try:
+        yield journal
+        is_kept = False
+    finally:
+        if journal.file is not None:
+            with suppress(OSError):  # of a full disk, which add has reported already
+                journal.file.close()
+            if not (is_kept and journal.count):
+                path.unlink(missing_ok=True)
 
 
 def _origin(

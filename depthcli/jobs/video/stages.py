@@ -1,40 +1,44 @@
-"""Writing a video: opening its outputs, processing the frames in stages, and the result."""
+"""Writing a video: its frames predicted, smoothed in order and written, and the result."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterator, Sequence
+from array import array
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from typing import Any
 
+import numpy as np
+
+from depthcli.core import temporal, types
+from depthcli.core.arrays import Float32Array
 from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
-from depthcli.core.types import Frame
+from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, Message, about
 from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.preview import percentiles
 from depthcli.io.guard import Guard
+from depthcli.io.images.read import undistorted
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.stored.metadata import dequantized, quantized
 from depthcli.io.stored.sidecar import remove_video_sidecar
-from depthcli.jobs.image import ImageJob
-from depthcli.jobs.video.frames import (
-    FrameClock,
-    FrameFilter,
-    FramePredictor,
-    VideoReport,
-    restored,
-)
-from depthcli.jobs.video.plan import VideoPlan, VideoResult
-from depthcli.jobs.video.resume import open_journal, rounding_scale
+from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
+from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
+from depthcli.jobs.video.resume import FrameJournal, open_journal, rounding_scale
 from depthcli.known.frames import KnownDepthOfFrames
+from depthcli.known.points import KnownDepth
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import LiveStream
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frames import FrameSource, Timing
-from depthcli.video.numbering import base_name
+from depthcli.video.numbering import base_name, stamps_a_second
 from depthcli.video.outputs import (
     DepthFrame,
     SegmentedOutput,
@@ -43,6 +47,194 @@ from depthcli.video.outputs import (
     video_file,
 )
 from depthcli.video.source import open_frames
+
+
+@dataclass(frozen=True, slots=True)
+class PredictedFrame:
+    """A frame after prediction, before the stages that depend on other frames."""
+
+    #: the frame with its depth, of ``to_log`` if it is to be smoothed, and the depth's percentiles
+    shown: DepthFrame
+    #: why it is not fitted to known depth that the video has; None if it is
+    unfitted: str | None
+    thumbnail: Float32Array  #: its brightness at a reduced size, (h, w) float32
+    sampled: Float32Array  #: its depth at that size, (h, w) of ``to_log``
+    warnings: tuple[str, ...] = ()  #: about its depth, one line each
+
+
+@dataclass(frozen=True, slots=True)
+class FramePredictor:
+    """Predicts frames, in any order; thread-safe."""
+
+    job: ImageJob  #: the model
+    settings: VideoSettings
+    known: KnownDepthOfFrames  #: known depth of the frames
+    journal: FrameJournal  #: frames that an earlier run wrote
+    source: FrameSource  #: where the frames come from
+    first: int  #: number of its first frame
+    scale: float | None  #: units per metre to which depth is rounded; None for no rounding
+
+    @property
+    def kind(self) -> DepthKind:
+        """What the values of the maps mean."""
+        is_fitted = bool(self.settings.anchors)
+        return DepthKind.METRIC if is_fitted else self.job.pipeline.card.output.kind
+
+    def predict(self, image: Frame) -> PredictedFrame:
+        """Predict a frame, and all that depends on one frame only."""
+        number, start, camera = image.index, self.settings.start_number, self.settings.camera
+        shift = 0 if start is None else start - self.first
+        aspect = camera.pixel_aspect or image.pixel_aspect
+        image = replace(image, index=number + shift, rate=self.source.rate, pixel_aspect=aspect)
+        image = undistorted(image, camera)
+        # The first frame is always predicted, for the report.
+        written = self.journal.depth(image.index) if number != self.first else None
+        unfitted, warnings = None, tuple[str, ...]()
+        if written is not None:
+            depth = DepthMap(written, self.kind)
+        else:
+            done, unfitted = self._fitted(types.seen_frame(image), number)
+            depth, of_video = done.whole, {*done.shared, *image.warnings}
+            warnings = tuple(text for text in done.warnings if text not in of_video)
+            if self.scale is not None:
+                values = dequantized(quantized(depth.values, self.scale)[0], self.scale)
+                depth = replace(depth, values=values)
+        depth, displayed = _in_windows(depth, image.windows, is_kept=written is not None)
+        thumbnail = temporal.thumbnail(image.pixels)
+        small = DepthMap(temporal.sample_cells(displayed, thumbnail.shape), depth.kind)
+        if self.settings.smooth_s:
+            depth = replace(depth, values=temporal.to_log(depth))
+        frame = DepthFrame(image, depth, percentiles(small), is_kept=written is not None)
+        return PredictedFrame(frame, unfitted, thumbnail, temporal.to_log(small), warnings)
+
+    def _fitted(self, image: Frame, number: int) -> tuple[ImageResult, str | None]:
+        """Depth of a frame, and why it is not fitted to known depth, if the video has any."""
+        if not self.settings.anchors:
+            return self._run(image, None), None
+        names = self.source.name_numbers
+        named = names[number] if names else number
+        stamps = stamps_a_second(named) if names else None
+        try:
+            points = self.known.of_frame(
+                named, image.timestamp_s or 0.0, float(self.source.rate), stamps
+            )
+            if points is not None:
+                return self._run(image, points), None
+            advice = "{anchors_within} takes that of the nearest time"
+            problem: str = Message(f"frame {number} has no known depth", advice)
+        except InputError as error:
+            problem = about(f"frame {number}", error.message)
+        if self.job.pipeline.card.output.kind is not DepthKind.METRIC:
+            raise InputError(problem, "give some for every frame, or another {model}")
+        return self._run(image, None), problem
+
+    def _run(self, image: Frame, points: KnownDepth | None) -> ImageResult:
+        return self.job.run(ImageTask(image, self.settings.camera, points))
+
+
+@dataclass(slots=True)
+class VideoReport:
+    """What is known of the frames so far."""
+
+    raw: temporal.FlickerMeter  #: of the depth before smoothing
+    smoothed: temporal.FlickerMeter  #: of that after it
+    first: tuple[Frame, DepthMap] | None = None  #: the first frame, without pixels, and its depth
+    warnings: tuple[str, ...] = ()  #: about the depth of the first frame
+    unfitted: list[str] = field(default_factory=list)  #: why frames are not fitted
+    scenes: int = 0
+    times_s: array[float] = field(default_factory=lambda: array("d"))
+    numbers: array[int] = field(default_factory=lambda: array("q"))
+
+    def begin(self, frame: DepthFrame, warnings: Iterable[str]) -> None:
+        """Note the first frame, with depth as it is written."""
+        displayed = frame.displayed()
+        self.first = (replace(displayed.image, pixels=np.zeros((1, 1), np.uint8)), displayed.depth)
+        self.warnings = tuple(about(f"frame {frame.image.index}", text) for text in warnings)
+
+
+class FrameFilter:
+    """Smooths frames and the preview's range over time, and reports on them; in one thread.
+
+    Attributes:
+        report: of the frames that have passed.
+    """
+
+    def __init__(self, settings: VideoSettings, kind: DepthKind) -> None:
+        """Begin before the first frame."""
+        self._settings = settings
+        self._changes, self._lock = temporal.ChangeDetector(), temporal.RangeLock()
+        self._deflicker = temporal.Deflicker(settings.look_ahead)
+        self._smoother = temporal.Smoother()
+        self.report = VideoReport(temporal.FlickerMeter(kind), temporal.FlickerMeter(kind))
+
+    def smooth(self, frames: Iterable[PredictedFrame]) -> Iterator[DepthFrame]:
+        """The stages that need the frames in order; fast."""
+        if not self._settings.smooth_s:
+            for frame in frames:
+                yield self._finished(frame, self._changes.step(frame.thumbnail), None)
+            return
+        waiting: deque[tuple[PredictedFrame, temporal.Change]] = deque()
+        before_s = 0.0
+        for frame in frames:
+            change, now_s = self._changes.step(frame.thumbnail), frame.shown.time_s
+            decay = temporal.ema_decay(now_s - before_s, self._settings.smooth_s)
+            before_s = now_s
+            waiting.append((frame, change))
+            for correction in self._deflicker.step(
+                frame.thumbnail, frame.sampled, decay, is_cut=change.is_cut
+            ):
+                yield self._finished(*waiting.popleft(), correction)
+        for correction in self._deflicker.finish():
+            yield self._finished(*waiting.popleft(), correction)
+
+    def _finished(
+        self, frame: PredictedFrame, change: temporal.Change, correction: temporal.Correction | None
+    ) -> DepthFrame:
+        """A frame with smoothed depth and colour range, and its share of the report."""
+        report, now_s = self.report, frame.shown.time_s
+        interval_s = now_s - report.times_s[-1] if report.times_s else 0.0
+        report.times_s.append(now_s)
+        report.numbers.append(frame.shown.image.index)
+        if frame.unfitted:
+            report.unfitted.append(frame.unfitted)
+        if report.first is None:
+            report.begin(restored(frame.shown, self._settings), frame.warnings)
+        report.scenes += change.is_cut
+        decay = temporal.ema_decay(interval_s, self._settings.lock_s)
+        spread = self._lock.step(*frame.shown.spread, decay, is_cut=change.is_cut)
+        report.raw.step(frame.sampled, change)
+        depth = frame.shown.depth
+        if correction is not None:
+            decay = temporal.ema_decay(interval_s, self._settings.smooth_s)
+            steps = self._smoother.step(depth.values, change, correction, decay)
+            report.smoothed.step(temporal.sample_cells(steps, frame.thumbnail.shape), change)
+            depth = replace(depth, values=steps)
+        return replace(frame.shown, depth=depth, spread=spread)
+
+
+def restored(frame: DepthFrame, settings: VideoSettings) -> DepthFrame:
+    """Convert the smoother's output back to depth; thread-safe."""
+    if not settings.smooth_s:
+        return frame
+    depth = frame.depth
+    values = temporal.from_log(depth.values, depth.kind)
+    return replace(frame, depth=replace(depth, values=values))
+
+
+def _in_windows(
+    depth: DepthMap, windows: types.Windows | None, *, is_kept: bool
+) -> tuple[DepthMap, Float32Array]:
+    """Depth over all pixels of its frame, without any where the file has no pixels.
+
+    What an earlier run wrote (kept) covers the display window alone. Also returns the values
+    without overscan, (H, W) float32 of the same size.
+    """
+    if windows is None:
+        return depth, depth.values
+    covered = windows.display if is_kept else windows.seen
+    values = types.over_window(depth.values, covered, windows.pixels)
+    depth = types.masked_to_data_window(replace(depth, values=values), windows)
+    return depth, windows.only(windows.display, depth.values)
 
 
 def open_source(plan: VideoPlan) -> FrameSource:
@@ -80,13 +272,16 @@ def write_video(
         sidecar = None
         if VideoFormat.JSON in plan.names:
             sidecar = stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), guard=guard))
-        clock = FrameClock(source.rate, source.name_numbers, settings.start_number)
-        scale = rounding_scale(plan, pipeline)
-        predictor = FramePredictor(ImageJob(pipeline), settings, known_depth, journal, clock, scale)
-        filter_ = FrameFilter(settings, predictor.kind)
-        report = filter_.report
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
-        frames = clock.renumbered(source.frames(settings.span))
+        frames = source.frames(settings.span)
+        first = next(frames, None)
+        if first is None:
+            raise _no_frames(plan, source)
+        scale, job = rounding_scale(plan, pipeline), ImageJob(pipeline)
+        how = (settings, known_depth, journal, source, first.index, scale)
+        predictor = FramePredictor(job, *how)
+        filter_ = FrameFilter(settings, predictor.kind)
+        report, frames = filter_.report, chain([first], frames)
         ahead = workers if isinstance(plan.source, LiveStream) else None
         written = _process_frames(frames, predictor, filter_, outputs, workers, ahead)
         # Closed before the outputs, so that no thread writes into a file that is being removed.
@@ -96,8 +291,6 @@ def write_video(
                     _remove_stale_sidecars(plan)
                 journal.add(number)
                 advance(1)
-        if report.first is None:
-            raise _no_frames(plan, source)
         if report.unfitted and len(report.unfitted) == len(report.numbers):
             raise InputError(report.unfitted[0])
         warnings = [warning for output in outputs for warning in output.finish()]

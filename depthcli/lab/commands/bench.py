@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -13,10 +12,6 @@ from depthcli.cli import options
 from depthcli.cli.screen import console
 from depthcli.core.options import Upsampling
 from depthcli.errors import ExitCode
-
-if TYPE_CHECKING:
-    from depthcli.lab.jobs.bench import BenchResult
-
 
 _MEASUREMENTS = 3  # network, end to end, throughput
 
@@ -52,18 +47,12 @@ def bench(
     if sys.stderr.isatty() and not as_json:
         console.note(f"measuring for about {_MEASUREMENTS * seconds:.0f} s")
     done = run_bench(loader, size_px, seconds, image, upsample, workers, console.warn)
-    if as_json:
-        console.out_json(dataclasses.asdict(done))
-    else:
-        _print_bench(done)
-    return ExitCode.OK
-
-
-def _print_bench(done: BenchResult) -> None:
-    console.out(f"{done.model} on {done.provider}")
+    lines = [f"{done.model} on {done.provider}"]
     for name, time in (("network", done.network), ("end-to-end", done.end_to_end)):
         spread = f"minimum {time.min_ms:.2f} ms, noise ±{time.noise:.0%}, {time.runs} runs"
-        console.out(f"{name:<14} {time.median_ms:8.2f} ms  ({spread})")
-    console.out(f"throughput     {done.images_per_s:8.1f} images/s, {done.workers} at a time")
+        lines.append(f"{name:<14} {time.median_ms:8.2f} ms  ({spread})")
+    lines.append(f"throughput     {done.images_per_s:8.1f} images/s, {done.workers} at a time")
     if done.peak_memory_mb is not None:
-        console.out(f"peak memory    {done.peak_memory_mb:8.0f} MB")
+        lines.append(f"peak memory    {done.peak_memory_mb:8.0f} MB")
+    console.show(dataclasses.asdict(done), *lines, as_json=as_json)
+    return ExitCode.OK

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from depthcli.cli import completion
 from depthcli.cli import options as groups
 from depthcli.cli.groups import group
 from depthcli.cli.screen import console
@@ -40,7 +39,7 @@ class ModelOptions:
         "Name or path of a model; repeatable. Default: the bundled model.",
         "--model",
         metavar="MODEL",
-        autocompletion=completion.models,
+        autocompletion=groups.models,
     )
     predictions: list[Path] | None = groups.usual(
         "Folder with predictions of another tool, named by id or as the images; repeatable.",
@@ -107,13 +106,13 @@ class ReportOptions:
         """Print the table, and write the files."""
         from depthcli.lab.evaluation.page import report_page
 
-        page, is_silent = report_page(done.report), self.screen.quiet or self.screen.as_json
+        page = report_page(done.report)
         if self.screen.as_json:
             console.out(done.report.to_json())
-        elif not is_silent:
+        elif not self.screen.quiet:
             console.out(page.to_text())
         for path in files.write(page, done.report.to_csv(), done.figures):
-            if not is_silent:
+            if self.screen.shows_text:
                 console.note(str(path))
 
 
@@ -368,7 +367,7 @@ def _run(request: "EvalRequest", table: TableOptions) -> int:
         else:
             add_metric(name.rpartition(":")[2], imported(name))
     screen, files = table.report.screen, table.report.files(table.figures)
-    with show_progress(silent=screen.quiet or screen.as_json) as progress:
+    with show_progress(screen) as progress:
         warn = console.warn if not screen.quiet else lambda _text: None
         done = run_evaluation(request, progress, warn)
     table.report.show(done, files)

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from depthcli.cli.options import ScreenOptions
 from depthcli.cli.screen import console
 from depthcli.cli.screen.progress import Stage, show_progress, time_text
 from depthcli.errors import Message
@@ -23,13 +24,13 @@ _TIMED_S, _LONG_S = 10, 12 * 3600
 
 
 @contextmanager
-def callback_for(*, as_json: bool, quiet: bool, run: str | None) -> Iterator[Callback]:
+def callback_for(screen: ScreenOptions, run: str | None) -> Iterator[Callback]:
     """The callback for the options and the terminal; ``run`` is a name of one of several runs."""
-    if run and not (quiet or as_json):
+    if run and screen.shows_text:
         console.note(f"training {run}")
     with ExitStack() as stack:
-        is_silent = quiet and not as_json
-        yield Callback() if is_silent else EpochCallback(stack, run, as_json=as_json)
+        is_silent = screen.quiet and not screen.as_json
+        yield Callback() if is_silent else EpochCallback(stack, screen, run)
 
 
 def show_config(config: TrainConfig) -> None:
@@ -61,8 +62,8 @@ class EpochCallback(Callback):
     ``stack`` closes the bar; ``run`` is a name of one of several runs, for JSON.
     """
 
-    def __init__(self, stack: ExitStack, run: str | None = None, *, as_json: bool = False) -> None:
-        self._stack, self._run, self._as_json = stack, run, as_json
+    def __init__(self, stack: ExitStack, screen: ScreenOptions, run: str | None = None) -> None:
+        self._stack, self._screen, self._run = stack, screen, run
         self._steps, self._losses = 0, dict[str, float]()
         self._stage: Stage | None = None
         self._begun_s, self._timed, self._is_timed = time.monotonic(), 0, False
@@ -77,7 +78,7 @@ class EpochCallback(Callback):
         self._losses = losses
         self._say_duration(steps - state.step)
         if self._stage is None:
-            progress = self._stack.enter_context(show_progress(silent=self._as_json))
+            progress = self._stack.enter_context(show_progress(self._screen))
             self._steps, self._stage = steps, progress.begin("training", steps, "steps")
             self._stage.skip(state.step)
         else:
@@ -94,12 +95,12 @@ class EpochCallback(Callback):
         if left_s > _LONG_S:
             advice = "use a GPU, or {preset} reduced, which takes about an hour on two CPU cores"
             console.warn(Message(text, advice))
-        elif not self._as_json:
+        elif not self._screen.as_json:
             console.note(text)
 
     def on_epoch_end(self, state: TrainState) -> None:
         """Print scores, and the losses of the last step; as text also rate and remaining time."""
-        if self._as_json:
+        if self._screen.as_json:
             values = dataclasses.asdict(state) | {"scores": finite_or_none(state.scores)}
             values["losses"] = self._losses
             console.out_json(values if self._run is None else {"run": self._run, **values})

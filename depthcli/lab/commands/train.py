@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from depthcli.cli import groups, options, process
-from depthcli.cli.completion import offered
 from depthcli.cli.screen import console
 from depthcli.errors import SIGNAL_BASE, CheckpointError, ExitCode, TrainingError, UsageError
 from depthcli.lab.commands.options import PatternOptions
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
 _PRESETS = ", ".join(
     f"{name} (for {method})" if method else name for name, method in PRESETS.items()
 )
-_ACCELERATORS = ("auto", "cpu", "cuda", "mps")
 
 
 @groups.group
@@ -37,7 +35,7 @@ class RunOptions:
     methods: list[str] | None = options.option(
         "Train these methods, each in the folder METHOD-seedK of --out; repeatable.",
         metavar="A,B",
-        autocompletion=offered(METHODS),
+        autocompletion=lambda: [*METHODS],
     )
     seeds: list[str] | None = options.option(
         "Train each method with each of these seeds, in METHOD-seedK; repeatable.", metavar="K,L"
@@ -82,7 +80,7 @@ class ConfigOptions:
     preset: str | None = options.usual(
         f"Configuration preset: {_PRESETS}.",
         metavar="NAME",
-        autocompletion=offered(PRESETS),
+        autocompletion=lambda: [*PRESETS],
     )
     config: list[Path] | None = options.option(
         "TOML file that overrides the configuration; repeatable.", metavar="FILE"
@@ -108,7 +106,7 @@ class DeviceOptions:
         "auto, cpu, cuda or mps.",
         default="auto",
         metavar="NAME",
-        autocompletion=offered(_ACCELERATORS),
+        autocompletion=lambda: ["auto", "cpu", "cuda", "mps"],
     )
     threads: int | None = options.option(
         "CPU threads. Default: those of the run that is resumed, or one per core.",
@@ -134,7 +132,7 @@ def train(
     method: str | None = typer.Argument(
         None,
         metavar="[METHOD]",
-        autocompletion=offered(METHODS),
+        autocompletion=lambda: [*METHODS],
         help=f"One of {', '.join(METHODS)}, or your own as MODULE:CLASS.",
     ),
     *,
@@ -153,7 +151,6 @@ def train(
     screen: options.ScreenOptions,
 ) -> int:
     """Train one or more methods. Run the same command again to resume."""
-    from depthcli.cli.parse import listed
     from depthcli.lab.commands.screen import show_config
     from depthcli.lab.training.settings import resolve_config
 
@@ -173,6 +170,12 @@ def train(
     if config.show_config:
         return ExitCode.OK
     return _train_runs(planned, data, device, follow, screen)
+
+
+def listed(words: list[str] | None) -> tuple[str, ...]:
+    """Items of comma-separated lists, without duplicates."""
+    items = (word.strip() for word in ",".join(words or ()).split(","))
+    return tuple(dict.fromkeys(filter(None, items)))
 
 
 def _train_runs(
@@ -208,7 +211,7 @@ def _train_runs(
                 callbacks=tuple(follow.callback or ()),
                 signals=process.ending_signals(),
             )
-            with callback_for(as_json=screen.as_json, quiet=screen.quiet, run=run) as callback:
+            with callback_for(screen, run) as callback:
                 result = train(request, callback)
         except (CheckpointError, TrainingError) as error:
             if len(planned) == 1:
@@ -216,7 +219,7 @@ def _train_runs(
             console.error(error.message.about(folder.name))
             code = ExitCode.SOME_FAILED
             continue
-        if not screen.quiet and not screen.as_json:
+        if screen.shows_text:
             print_result(result, folder)
         if result.signal_number is not None:
             return SIGNAL_BASE + result.signal_number

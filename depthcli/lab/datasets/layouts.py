@@ -7,12 +7,13 @@ and ``depth/`` (ScanNet, Redwood), ``*.color.*`` and ``*.depth.*`` (7-Scenes, 3D
 
 import os
 import re
-from bisect import bisect_left
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.errors import DatasetError, UsageError
@@ -203,23 +204,14 @@ def _nearest_in_time(images: Mapping[str, Path], depths: Mapping[str, Path]) -> 
     """The depth that is nearest in time to each image, and the image to it; {} without stamps."""
     if not all(map(_TIME.fullmatch, (*images, *depths))):
         return {}
-    partner, image_of = _nearest(images, depths), _nearest(depths, images)
-    return {
-        image: depth
-        for image, depth in partner.items()
-        if image_of[depth] == image and abs(float(image) - float(depth)) <= _MOST_APART_S
-    }
-
-
-def _nearest(stamps: Iterable[str], others: Iterable[str]) -> dict[str, str]:
-    """The other that is nearest in time to each of some time stamps, the earlier of two."""
-    ordered = sorted(others, key=float)
-    times_s, nearest = list(map(float, ordered)), {}
-    for stamp in stamps:
-        after = bisect_left(times_s, float(stamp))
-        around = range(max(0, after - 1), min(after + 1, len(ordered)))
-        nearest[stamp] = ordered[min(around, key=lambda i: abs(times_s[i] - float(stamp)))]
-    return nearest
+    stamps = [sorted(names, key=float) for names in (images, depths)]
+    image_s, depth_s = (np.array(names, np.float64) for names in stamps)
+    # In the middle of two, the earlier is the nearest.
+    depth_of = np.searchsorted((depth_s[1:] + depth_s[:-1]) / 2, image_s)
+    image_of = np.searchsorted((image_s[1:] + image_s[:-1]) / 2, depth_s)
+    is_near = np.abs(depth_s[depth_of] - image_s) <= _MOST_APART_S
+    mutual = np.flatnonzero(is_near & (image_of[depth_of] == np.arange(len(image_s))))
+    return {stamps[0][i]: stamps[1][depth_of[i]] for i in mutual}
 
 
 def _listed(table: Path) -> Listing:

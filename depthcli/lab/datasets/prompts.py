@@ -89,15 +89,13 @@ class Prompt:
         return np.where(is_wrong, seen_m * ratio, seen_m)
 
 
-def _uniform(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
-    del gray
+def _uniform(prompt: Prompt, depth_m: _Map, _gray: _Map, random: np.random.Generator) -> _Places:
     places = np.flatnonzero(depth_m > 0)
     chosen = random.choice(places, min(prompt.size, len(places)), replace=False)
     return np.divmod(chosen, depth_m.shape[1])
 
 
-def _lidar(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
-    del gray
+def _lidar(prompt: Prompt, depth_m: _Map, _gray: _Map, random: np.random.Generator) -> _Places:
     height, width = depth_m.shape
     slope, phase = random.uniform(-_SLOPE, _SLOPE), random.random()
     x, size = np.arange(width), prompt.size
@@ -108,8 +106,7 @@ def _lidar(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generato
     return y[is_point], x[is_point]
 
 
-def _camera(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
-    del gray
+def _camera(prompt: Prompt, depth_m: _Map, _gray: _Map, random: np.random.Generator) -> _Places:
     height, width = depth_m.shape
     columns = min(prompt.size, width)
     rows = max(1, round(columns * height / width))
@@ -123,8 +120,7 @@ def _camera(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generat
     return y[places[0]], x[places[1]]
 
 
-def _corners(prompt: Prompt, depth_m: _Map, gray: _Map, random: np.random.Generator) -> _Places:
-    del random
+def _corners(prompt: Prompt, depth_m: _Map, gray: _Map, _random: np.random.Generator) -> _Places:
     response = np.asarray(cv2.cornerMinEigenVal(gray, _CORNER_PX))
     around = np.ones((_CORNER_PX, _CORNER_PX), np.uint8)
     is_corner = (response == np.asarray(cv2.dilate(response, around))) & (depth_m > 0)

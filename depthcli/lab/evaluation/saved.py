@@ -115,7 +115,8 @@ def check_consistency(report: table.EvalReport, tolerance: float) -> tuple[table
     name, if the intervals of all differences lie within a share of the other's scores.
     """
     scores = {(row.name, row.alignment): row.scores for row in report.rows}
-    of_one = list(filter(_is_of_one, report.differences))
+    pairs = [(each, each.name.rpartition(" (")[0]) for each in report.differences]
+    of_one = [each for each, name in pairs if name == each.other.rpartition(" (")[0]]
     notes, is_consistent = [], True
     for difference in of_one or report.differences:
         reference = scores[difference.other, difference.alignment]
@@ -132,10 +133,6 @@ def check_consistency(report: table.EvalReport, tolerance: float) -> tuple[table
         advice = "evaluate both with {json} and {per_image}"
         raise UsageError("there are no scores of the same images", advice)
     return replace(report, notes=(*report.notes, *notes)), is_consistent
-
-
-def _is_of_one(difference: table.Difference) -> bool:
-    return difference.name.rpartition(" (")[0] == difference.other.rpartition(" (")[0]
 
 
 def _is_apart(interval: table.Interval, most: float) -> bool:

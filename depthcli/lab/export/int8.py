@@ -3,13 +3,15 @@
 import copy
 import logging
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import onnx
 import torch
 from onnx import numpy_helper
-from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
+from onnxruntime.quantization import QuantFormat, QuantType, quantize_static
 from torch import nn
 
 from depthcli.core.arrays import Float32Array
@@ -65,7 +67,7 @@ def quantize(
             quantize_static(
                 source,
                 path,
-                _CalibrationReader(feeds),
+                SimpleNamespace(get_next=partial(next, iter(feeds), None)),
                 quant_format=QuantFormat.QDQ,
                 per_channel=True,
                 reduce_range=True,
@@ -303,12 +305,3 @@ def calibration_batches(folder: Path, spec: InputSpec) -> list[Float32Array]:
         raise UsageError(f"{folder} has no image; give one with images to calibrate int8")
     positions = sample_positions(len(files), MAX_IMAGES)
     return [prepare(spec, read_image(files[i]))[0] for i in positions]
-
-
-class _CalibrationReader(CalibrationDataReader):  # type: ignore[misc]
-    def __init__(self, feeds: list[_Feed]) -> None:
-        self._feeds = iter(feeds)
-
-    def get_next(self) -> _Feed | None:
-        """Next input, or None at the end."""
-        return next(self._feeds, None)

@@ -24,7 +24,6 @@ from depthcli.lab.options import Averaging
 
 MIN_DEPTH_M, MAX_DEPTH_M = 1e-3, 10.0
 _PART_PIXELS = 77_000  # pixels: longer arrays leave the cache, more parts cost more calls
-_ARRAYS = 6
 _PER_KM = 1000  # of 1/m
 _MAX_DOT = 10_000  # with more elements, OpenBLAS starts its own threads
 
@@ -37,9 +36,6 @@ class DepthPixels:
     prediction: FloatArray  #: (N,) floats, metres, any value
     min_m: float = MIN_DEPTH_M  #: predictions are clamped to at least this
     max_m: float = MAX_DEPTH_M  #: predictions are clamped to at most this
-    #: (6, at least N) float64, memory for the arrays below, which is reused for all parts of an
-    #: image; None to allocate it
-    scratch: Float64Array | None = None
     is_reversed: bool = False  #: whether an alignment of the image exchanged near and far
 
     @classmethod
@@ -60,27 +56,22 @@ class DepthPixels:
     def parts(self) -> Iterator[Self]:
         """Split the pixels into parts whose float64 arrays fit the processor's cache.
 
-        Each part is valid until the next one is yielded. Without pixels, there is an empty one.
+        Without pixels, there is an empty one.
         """
-        scratch = np.empty((_ARRAYS, min(_PART_PIXELS, len(self))))
         for start in range(0, max(1, len(self)), _PART_PIXELS):
             part = slice(start, start + _PART_PIXELS)
-            pieces = self.truth[part], self.prediction[part]
-            yield type(self)(*pieces, self.min_m, self.max_m, scratch)
-
-    def _scratch_row(self, number: int) -> Float64Array | None:
-        return None if self.scratch is None else self.scratch[number, : len(self)]
+            yield type(self)(self.truth[part], self.prediction[part], self.min_m, self.max_m)
 
     @cached_property
     def truth_m(self) -> Float64Array:
         """(N,) g, metres, > 0."""
-        return np.positive(self.truth, out=self._scratch_row(0), dtype=np.float64)
+        return self.truth.astype(np.float64)
 
     @cached_property
     def predicted_m(self) -> Float64Array:
         """(N,) p, metres, > 0, clamped; NaN becomes ``min_m``."""
         values, low_m, high_m = self.prediction, self.min_m, self.max_m
-        exact = np.positive(values, out=self._scratch_row(1), dtype=np.float64)
+        exact = values.astype(np.float64)
         if exact.size and low_m <= float(values.min()) and float(values.max()) <= high_m:
             return exact  # the usual case; NaN fails the comparison
         np.clip(exact, low_m, high_m, out=exact)
@@ -90,22 +81,22 @@ class DepthPixels:
     @cached_property
     def error_m(self) -> Float64Array:
         """(N,) p − g."""
-        return np.subtract(self.predicted_m, self.truth_m, out=self._scratch_row(2))
+        return self.predicted_m - self.truth_m
 
     @cached_property
     def ratio(self) -> Float64Array:
         """(N,) p / g."""
-        return np.divide(self.predicted_m, self.truth_m, out=self._scratch_row(3))
+        return self.predicted_m / self.truth_m
 
     @cached_property
     def relative_error(self) -> Float64Array:
         """(N,) (p − g) / g."""
-        return np.subtract(self.ratio, 1, out=self._scratch_row(4))
+        return self.ratio - 1
 
     @cached_property
     def log_error(self) -> Float64Array:
         """(N,) ln p − ln g."""
-        return np.log(self.ratio, out=self._scratch_row(5))
+        return np.log(self.ratio)
 
     @cached_property
     def squared_log_error(self) -> float:

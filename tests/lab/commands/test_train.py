@@ -11,6 +11,7 @@ import pytest
 from helpers.runs import finished, inside, write_run
 
 from depthcli.cli.app import main
+from depthcli.cli.options import ScreenOptions
 from depthcli.core.parallel import usable_cores
 from depthcli.lab.commands.screen import EpochCallback
 from depthcli.lab.training.checkpoint import Checkpoint
@@ -166,7 +167,7 @@ def test_the_line_of_an_epoch_has_rate_and_time_to_go(
     clock_s = [0.0]
     monkeypatch.setattr("time.monotonic", lambda: clock_s[0])
     with ExitStack() as stack:
-        text = EpochCallback(stack)
+        text = EpochCallback(stack, ScreenOptions())
         for step in (1, 2):
             text.on_step_end(TrainState(step=step), 4, {"l1": 0.5})
             clock_s[0] += 40
@@ -186,7 +187,7 @@ def test_a_run_of_months_is_a_warning_that_names_a_shorter_one(
     clock_s = [0.0]
     monkeypatch.setattr("time.monotonic", lambda: clock_s[0])
     with ExitStack() as stack:
-        text = EpochCallback(stack)
+        text = EpochCallback(stack, ScreenOptions())
         text.on_train_start(())
         clock_s[0] += 59
         text.on_step_end(TrainState(step=1), 173_201, {"l1": 0.5})

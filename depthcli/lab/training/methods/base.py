@@ -1,8 +1,7 @@
 """The interface of a training method, and functions that the methods share."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import ClassVar, Literal, TypeVar
 
@@ -74,9 +73,10 @@ class Method(nn.Module):
 
     def judged(self, discriminator: nn.Module | None, *, real: Tensor, fake: Tensor) -> Tensor:
         """The generator's adversarial loss by a discriminator, whose weights do not change."""
-        judge = required(discriminator)
-        with frozen([judge]):
-            return generator_loss(self.weights.gan, judge, real=real, fake=fake)
+        judge = required(discriminator).requires_grad_(False)
+        loss = generator_loss(self.weights.gan, judge, real=real, fake=fake)
+        judge.requires_grad_(True)
+        return loss
 
     def paired_terms(
         self, raw_y: Tensor, y: Tensor, valid_mask: Tensor | None
@@ -94,16 +94,11 @@ class Method(nn.Module):
             name: partial(loss, raw_y, y, valid_mask=valid_mask)
             for name, loss in {"l1": l1, **others}.items()
         }
-        return self.weighted(**terms) | self.custom_terms(raw_y, y, valid_mask)
-
-    def custom_terms(
-        self, prediction: Tensor, truth: Tensor, valid_mask: Tensor | None
-    ) -> dict[str, Tensor]:
-        """Weighted terms of ``loss.custom``; coded depth (B, 1, H, W), and its valid pixels."""
-        return {
-            name: weight * self._custom_losses[name](prediction, truth, valid_mask)
+        custom = {
+            name: weight * self._custom_losses[name](raw_y, y, valid_mask)
             for name, weight in self.weights.custom.items()
         }
+        return self.weighted(**terms) | custom
 
     def encode(self, depth_m: Tensor) -> Tensor:
         """Depth (B, 1, H, W) in metres to the networks' coding in [-1, 1]."""
@@ -196,19 +191,6 @@ def required(part: _Part | None) -> _Part:
 def present(*networks: nn.Module | None) -> list[nn.Module]:
     """The networks that exist; those of losses with a weight of zero are None."""
     return [network for network in networks if network is not None]
-
-
-@contextmanager
-def frozen(networks: Iterable[nn.Module]) -> Iterator[None]:
-    """Disable gradients for the networks' weights; gradients still flow through to their inputs."""
-    weights = [weight for network in networks for weight in network.parameters()]
-    for weight in weights:
-        weight.requires_grad_(False)
-    try:
-        yield
-    finally:
-        for weight in weights:
-            weight.requires_grad_(True)
 
 
 def patch_heads(generator: Generator, taps: Sequence[str]) -> PatchSampler:

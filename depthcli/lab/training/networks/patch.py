@@ -8,7 +8,7 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 from depthcli.lab.training.losses import full_precision
-from depthcli.lab.training.networks.layers import BlurDown, InstanceNorm, init_weights
+from depthcli.lab.training.networks.resnet import BlurDown, InstanceNorm, init_weights
 
 _SLOPE = 0.2
 _EPSILON = 1e-7

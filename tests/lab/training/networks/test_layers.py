@@ -9,8 +9,7 @@ import torch
 from depthcli.lab.training.config import GeneratorConfig
 from depthcli.lab.training.networks.build import build_generator
 from depthcli.lab.training.networks.efficient import EfficientGenerator
-from depthcli.lab.training.networks.layers import BlurDown, InstanceNorm
-from depthcli.lab.training.networks.resnet import ResnetGenerator
+from depthcli.lab.training.networks.resnet import BlurDown, InstanceNorm, ResnetGenerator
 
 GROW = ResnetGenerator(GeneratorConfig(width=2, blocks=1, antialias=True)).up1[0]
 

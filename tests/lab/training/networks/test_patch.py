@@ -5,9 +5,8 @@ import torch
 from torch import Tensor, nn
 
 from depthcli.lab.training.config import GeneratorConfig
-from depthcli.lab.training.networks.layers import InstanceNorm
 from depthcli.lab.training.networks.patch import PatchGan, PatchSampler, SimilarityMap
-from depthcli.lab.training.networks.resnet import ResnetGenerator
+from depthcli.lab.training.networks.resnet import InstanceNorm, ResnetGenerator
 
 
 def _small(**options: object) -> ResnetGenerator:
