@@ -5,7 +5,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -98,6 +98,15 @@ class CardDraft(NamedTuple):
     where: str  #: name of its source in messages
     is_ready: bool  #: whether it is a ready card, whose input size may differ from the model's
 
+    def card(self, onnx: Mapping[str, object], **facts: str | None) -> ModelCard:
+        """The card with facts of the model file, and the output that it names itself."""
+        section = self.fields.get("onnx")
+        if isinstance(section, dict) and "output" in section:
+            onnx = {**onnx, "output": section["output"]}
+        fields = self.fields | {"onnx": onnx}
+        fields |= {name: fact for name, fact in facts.items() if fact is not None}
+        return ModelCard.from_json(json.dumps(fields), where=self.where)
+
 
 class PublishedModel(NamedTuple):
     """A card whose ONNX file can be downloaded."""
@@ -116,10 +125,7 @@ def published_model(name: str) -> PublishedModel | None:
     if name not in catalog.ready_names() and not name.endswith(".json"):
         return None
     draft = _named_draft(name)
-    output = draft.fields.get("onnx")
-    of_file = catalog.NO_FILE_YET | (output if isinstance(output, dict) else {})
-    fields = draft.fields | {"onnx": of_file}
-    card = ModelCard.from_json(json.dumps(fields), where=draft.where)
+    card = draft.card(catalog.NO_FILE_YET)
     url = paths.path_of(card.weights.url or "") if card.weights else None
     if card.weights is None or not isinstance(url, paths.RemotePath):
         problem = f"{draft.where} states no address of an ONNX file"
@@ -225,7 +231,8 @@ def _install(
     if sha256 is not None and checksum != sha256.lower():
         raise ModelError(f"{path} is another file: its sha256 is {checksum}; it is not added")
     draft = _card_draft(path, facts, card)
-    complete = _complete_card(draft, facts, name)
+    complete = draft.card({"opset": facts.opset, "ir": facts.ir}, file=_FILE_NAME, name=name)
+    valid_name(complete.name)
     catalog.check_file(complete, path, size, checksum)
     complete = replace(complete, sha256=checksum, size_bytes=size, data=data)
     target = folder_to_add(complete.name, force=force)
@@ -294,20 +301,6 @@ def _json_object(text: str | bytes, where: str) -> dict[str, Any]:
         return validated(dict[str, Any], parsed_json(text))
     except FieldError as refused:
         raise ModelError(f"{where}: {refused}; correct it") from None
-
-
-def _complete_card(draft: CardDraft, facts: OnnxFacts, name: str | None) -> ModelCard:
-    onnx = draft.fields.get("onnx")
-    output = {"output": onnx["output"]} if isinstance(onnx, dict) and "output" in onnx else {}
-    fields = draft.fields | {
-        "onnx": {"opset": facts.opset, "ir": facts.ir, **output},
-        "file": _FILE_NAME,
-    }
-    if name is not None:
-        fields["name"] = name
-    card = ModelCard.from_json(json.dumps(fields), where=draft.where)
-    valid_name(card.name)
-    return card
 
 
 def verify_models(names: Sequence[str] = ()) -> Iterator[tuple[str, Model | DepthcliError]]:
