@@ -48,6 +48,8 @@ def test_every_field_arrives() -> None:
         ({"surprise": 1}, "surprise"),
         ({"camera": {"hfov_deg": 60, "surprise": 1}}, "camera.surprise"),
         ({"input.colour": "hsv"}, "input.colour"),
+        ({"output.enlarging": "area"}, "enlarging has to be linear, linear-corners or cubic"),
+        ({"input.layout": "chw"}, "input.layout has to be one of nchw, nhwc"),
         ({"input.width": 0}, "input.width"),
         ({"input.height": 0}, "input.height"),
         ({"input.multiple_of": 0}, "input.multiple_of"),

@@ -329,6 +329,21 @@ def test_file_without_depth_is_refused(name: str, content: bytes, tmp_path: Path
         read_stored_depth(tmp_path / name)
 
 
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.pfm", b"PF\n4 3\n-1\n" + bytes(144)),
+        ("a.bin", colmap(np.dstack([DEPTH_M] * 3))),
+    ],
+)
+def test_colours_and_normals_are_said_to_hold_no_depth(
+    name: str, content: bytes, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=r"(float map|of one channel), so it holds no depth"):
+        read_stored_depth(tmp_path / name)
+
+
 def test_an_npz_without_a_usual_name_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", left=DEPTH_M, right=DEPTH_M)
     with pytest.raises(InputError):
