@@ -1,7 +1,7 @@
 """Bags of ROS 2, in MCAP or SQLite: images and their cameras are read, depth is written."""
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from io import BytesIO
@@ -80,17 +80,12 @@ def bag_members(
         infos = [c for c in bag.connections if c.msgtype == _INFO]
         beside = [c for c in infos if c.topic == f"{camera_name}/camera_info"]
         infos = beside or (infos if len(infos) == 1 else [])
-        chosen = [*infos, *(c for c in bag.connections if c.topic == topic)]
+        images = [c for c in bag.connections if c.topic == topic]
         # The first is that of earlier images, too.
-        info = (
-            next((bag.deserialize(m[2], _INFO) for m in bag.messages(infos)), None)
-            if infos
-            else None
-        )
+        info, _ = next(_messages(bag, infos), (None, 0))
         nearest, transforms = _sensor_reader(bag, sensor), _transforms(bag)
-        for connection, time_ns, data in bag.messages(chosen):
-            message: Any = bag.deserialize(data, connection.msgtype)
-            if connection.msgtype == _INFO:
+        for message, time_ns in _messages(bag, [*infos, *images]):
+            if message.__msgtype__ == _INFO:
                 info = message
                 continue
             header, scan = message.header, nearest(message)
@@ -100,24 +95,30 @@ def bag_members(
             yield Member(f"{stamp.sec}.{stamp.nanosec:09}", _encoded(message), camera, origin)
 
 
+def _messages(bag: Any, connections: Sequence[Any], at_ns: int | None = None) -> Iterator[Any]:  # noqa: ANN401
+    """Messages and the times they were recorded at, in order; of all times, or of one."""
+    end_ns = None if at_ns is None else at_ns + 1
+    # The library takes no connection for all of them.
+    for connection, time_ns, data in (
+        bag.messages(connections, at_ns, end_ns) if connections else ()
+    ):
+        yield bag.deserialize(data, connection.msgtype), time_ns
+
+
 def _sensor_reader(bag: Any, topic: str | None) -> Callable[[Any], Any]:  # noqa: ANN401
     """A function that gives the message of a topic nearest to another; None if none is near."""
     connections = [c for c in bag.connections if c.topic == topic]
     if topic and not connections:
         others = {c.topic for c in bag.connections if c.msgtype in {CLOUD, _IMAGE}}
         raise InputError(f"no topic {topic}", f"choose from {', '.join(sorted(others))}")
-    recorded = [
-        (_time_ns(bag.deserialize(data, c.msgtype)), time_ns)
-        for c, time_ns, data in (bag.messages(connections) if connections else ())
-    ]
+    recorded = [(_time_ns(each), time_ns) for each, time_ns in _messages(bag, connections)]
 
     def nearest(message: Any) -> Any:  # noqa: ANN401
         at_ns = _time_ns(message)
         stamp_ns, time_ns = min(recorded, key=lambda each: abs(each[0] - at_ns), default=(0, 0))
         if not recorded or abs(stamp_ns - at_ns) > _WITHIN_NS:
             return None
-        messages = bag.messages(connections, start=time_ns, stop=time_ns + 1)
-        return next(bag.deserialize(data, c.msgtype) for c, _, data in messages)
+        return next(_messages(bag, connections, time_ns))[0]
 
     return nearest
 
@@ -129,9 +130,8 @@ def _time_ns(message: Any) -> int:  # noqa: ANN401
 def _transforms(bag: Any) -> Transforms:  # noqa: ANN401
     """The transforms of ``/tf_static``."""
     transforms: dict[str, tuple[str, tuple[float, ...]]] = {}
-    connections = [c for c in bag.connections if c.topic == "/tf_static"]
-    for connection, _, data in bag.messages(connections) if connections else ():
-        for each in bag.deserialize(data, connection.msgtype).transforms:
+    for message, _ in _messages(bag, [c for c in bag.connections if c.topic == "/tf_static"]):
+        for each in message.transforms:
             place, turn = each.transform.translation, each.transform.rotation
             numbers = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
             transforms[each.child_frame_id] = each.header.frame_id, numbers

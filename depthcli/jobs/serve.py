@@ -55,6 +55,7 @@ IDLE_S = 75  #: after which silent connections end; nginx and AWS use theirs aga
 _MOST_PARSED = 256
 _RETRY = {"Retry-After": "1"}
 _PROBLEM = "application/problem+json"
+_FILES = files("depthcli.jobs")
 _TYPES = mimetypes.MimeTypes()
 _TYPES.add_type("model/vnd.usdz+zip", ".usdz")
 _IN_FLIGHT = "depthcli_in_flight"
@@ -80,7 +81,7 @@ class Limits:
     max_pixels: int  #: of an image
 
 
-class _Sent(NamedTuple):
+class Sent(NamedTuple):
     """The files of a request."""
 
     image: bytes
@@ -224,7 +225,7 @@ class DepthServer:
         uvicorn.Server(config).run(sockets=[listening])
 
     async def _page(self, name: str, _: Request) -> Response:
-        return HTMLResponse(files("depthcli.jobs").joinpath(name).read_text("utf-8"))
+        return HTMLResponse(_FILES.joinpath(name).read_text("utf-8"))
 
     async def _health(self, _: Request) -> Response:
         card = self.session.model.card
@@ -271,11 +272,11 @@ class DepthServer:
         self._requests.labels(200).inc()
         return answer
 
-    async def _sent(self, request: Request) -> _Sent:
+    async def _sent(self, request: Request) -> Sent:
         """The files of a request: an image is the whole body, or a part of a multipart form."""
         request = type(request)(request.scope, _limited(request.receive, self.limits.max_bytes))
         if "multipart/form-data" not in request.headers.get("content-type", ""):
-            return _Sent(await request.body())
+            return Sent(await request.body())
         async with request.form(max_files=2) as form:
             images = [part for name in _IMAGE_FIELDS for part in form.getlist(name)]
             known = form.getlist(_KNOWN)
@@ -284,9 +285,9 @@ class DepthServer:
                 problem = "the form is not one file named 'image' or 'file', and at most one "
                 raise HTTPException(400, f"{problem}named '{_KNOWN}'; options are in the query")
             data, *others = [(part.filename or "", await part.read()) for part in parts]
-        return _Sent(data[1], *others)
+        return Sent(data[1], *others)
 
-    def _answer(self, query: tuple[tuple[str, str], ...], sent: _Sent) -> Response:
+    def _answer(self, query: tuple[tuple[str, str], ...], sent: Sent) -> Response:
         """The encoded depth of an image and what is known of it; runs in a thread."""
         with sent.known_file() as known:
             options = self._parse(query, known)
@@ -323,35 +324,13 @@ class DepthServer:
 
 def _openapi(parameters: Sequence[dict[str, Any]], *, has_token: bool) -> dict[str, Any]:
     """The description of the server for programs: OpenAPI 3.1."""
-    binary = {"schema": {"type": "string", "contentMediaType": "application/octet-stream"}}
-    files = {name: {"type": "string", "format": "binary"} for name in (*_IMAGE_FIELDS, _KNOWN)}
-    file = {"type": "object", "properties": files}
-    names = ("type", "title", "detail")
-    fields = {name: {"type": "string"} for name in names} | {"status": {"type": "integer"}}
-    schema = {"type": "object", "properties": fields, "required": [*fields]}
-    problem = {"description": "What to do.", "content": {_PROBLEM: {"schema": schema}}}
-    depth = {"description": "Depth in the format; Depth-Facts has the facts as JSON."}
-    predict: dict[str, Any] = {
-        "summary": "Depth of an image.",
-        "parameters": [*parameters],
-        "requestBody": {"content": {"image/*": binary, "multipart/form-data": {"schema": file}}},
-        "responses": {"200": depth | {"content": {"*/*": binary}}, "default": problem},
-    }
-    ok = {"responses": {"200": {"description": "As text or JSON."}}}
-    health = ok | {"summary": "Whether the server works, and its model."}
-    metrics: dict[str, Any] = ok | {"summary": "Requests and seconds, for Prometheus."}
+    description = json.loads(_FILES.joinpath("openapi.json").read_text("utf-8"))
+    description["info"]["version"] = __version__
+    predict, metrics = (description["paths"][path] for path in ("/predict", "/metrics"))
+    predict["post"]["parameters"] = [*parameters]
     if has_token:
-        predict["security"] = metrics["security"] = [{"token": []}]
-    return {
-        "openapi": "3.1.0",
-        "info": {"title": "depthcli serve", "version": __version__},
-        "paths": {
-            "/predict": {"post": predict},
-            "/health": {"get": health},
-            "/metrics": {"get": metrics},
-        },
-        "components": {"securitySchemes": {"token": {"type": "http", "scheme": "bearer"}}},
-    }
+        predict["post"]["security"] = metrics["get"]["security"] = [{"token": []}]
+    return dict(description)
 
 
 def _named_as_in_query(text: str) -> str:

@@ -1,8 +1,9 @@
-"""Reading known depth: tables, clouds, reconstructions, sparse maps, and the depth of phones."""
+"""Reading known depth: tables, clouds, reconstructions, sparse maps, phones, topics of bags."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,18 +11,26 @@ from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import Anchor, Intrinsics
 from depthcli.core.options import Rule
 from depthcli.errors import InputError, UsageError
+from depthcli.io.bags import CLOUD, Origin, Transforms, pixels_of
 from depthcli.io.depth.read import read_embedded_depth, read_stored_depth
 from depthcli.io.formats.raster import COLMAP_MAP
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.io.tables import CsvTable
-from depthcli.known.clouds import projected, read_cloud, read_reconstruction
-from depthcli.known.extrinsics import read_extrinsics
+from depthcli.known.clouds import (
+    cloud_of_message,
+    matrix_of,
+    projected,
+    read_cloud,
+    read_extrinsics,
+    read_reconstruction,
+)
 from depthcli.known.files import ALTERNATIVES, CLOUDS, SUFFIXES, KnownDepthFiles
 from depthcli.known.points import KnownDepth
 
 _PLACE_PX = Rule("a pixel from 0 at the top left", lambda px: abs(px) < 1e9)  # noqa: PLR2004
 _DEPTH = Rule("a number", lambda _: True)  # those that are no depth are left out and counted
+_ENCODINGS = {"16UC1": ("u2", 1000), "mono16": ("u2", 1000), "32FC1": ("f4", 1)}  # REP 118
 COLUMNS = {"x": _PLACE_PX, "y": _PLACE_PX, "depth_m": _DEPTH}  #: of a table
 
 
@@ -111,3 +120,62 @@ def numbers_of(table: CsvTable, columns: Mapping[str, Rule]) -> Float64Array:
     if not rows:
         raise InputError(f"{table.name} has no points")
     return np.array(rows, np.float64)
+
+
+def read_topic(origin: Origin, files: KnownDepthFiles, camera: Intrinsics) -> KnownDepth:
+    """The known depth of an image of a bag; none, with a warning, if no message is near.
+
+    A cloud is taken to the image by ``/tf_static``, or by the extrinsics of the files.
+
+    Raises:
+        InputError: the message holds no depth, or its place in the image is not known.
+    """
+    message = origin.sensor
+    if message is None:
+        warning = f"no message of {files.topic} within 0.1 s, so depth is not fitted to it"
+        return replace(KnownDepth.of(()), warnings=(warning,))
+    frame, image_frame = message.header.frame_id, origin.header.frame_id
+    if message.__msgtype__ == CLOUD:
+        cloud_m = cloud_of_message(message) / (files.scale or 1)
+        if files.extrinsics:
+            pose, doubts = read_extrinsics(files.extrinsics)
+        else:
+            pose, doubts = _pose(origin.transforms, frame, image_frame), ()
+        points = projected(cloud_m @ pose[:3, :3].T + pose[:3, 3], camera)
+        points = replace(points, warnings=doubts + points.warnings)
+    elif frame == image_frame:
+        points = KnownDepth.of_map(_depth(message, files.scale))
+    else:
+        problem = f"depth of {files.topic} is of the frame {frame}, and the image of {image_frame}"
+        raise InputError(problem, "choose a topic with depth that is aligned to the images")
+    if not len(points):
+        raise InputError(f"{files.topic} has no point in the image")
+    return points.doubted("{anchors_scale} states another")
+
+
+def _depth(message: Any, units_per_metre: float | None) -> Float64Array:  # noqa: ANN401
+    """Metres of a depth image: (H, W) float64; 0 and NaN are unknown."""
+    if message.encoding not in _ENCODINGS:
+        raise InputError(f"images of encoding {message.encoding} hold no depth")
+    kind, units = _ENCODINGS[message.encoding]
+    return np.asarray(pixels_of(message, kind)[..., 0] / (units_per_metre or units))
+
+
+def _pose(transforms: Transforms, source: str, target: str) -> Float64Array:
+    """What takes points of one frame to another: (4, 4)."""
+    of_source, of_target = _above(transforms, source), _above(transforms, target)
+    shared = next((frame for frame in of_source if frame in of_target), None)
+    if shared is None:
+        problem = f"/tf_static does not connect the frames {source} and {target}"
+        raise InputError(problem, "give {extrinsics}")
+    return np.asarray(np.linalg.inv(of_target[shared]) @ of_source[shared])
+
+
+def _above(transforms: Transforms, frame: str) -> dict[str, Float64Array]:
+    """A frame and those above, with what takes its points to each."""
+    poses: dict[str, Float64Array] = {frame: np.eye(4)}
+    while frame in transforms and transforms[frame][0] not in poses:
+        above, numbers = transforms[frame]
+        poses[above] = matrix_of(numbers) @ poses[frame]
+        frame = above
+    return poses

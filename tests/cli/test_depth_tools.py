@@ -76,7 +76,7 @@ def test_probe_gives_the_depth_of_pixels(inside: Cli) -> None:
     first, second = map(
         json.loads, inside("probe", "d.npy", "15,11", "0,0", "--json").stdout.splitlines()
     )
-    nothing = {"point_m": None, "normal": None}
+    nothing = {"point_m": None, "normal": None, "error": None}
     assert first == {"x": 15, "y": 11, "depth": 9, **nothing, "unit": "m"}
     assert second["depth"] is None
 

@@ -80,6 +80,8 @@ def test_the_output_s_suffix_chooses_the_format(inside: Cli, suffix: str) -> Non
 
 def test_formats_are_repeatable_and_a_folder_takes_them(inside: Cli) -> None:
     room(inside)
+    write_model(inside.models / "default", error_model="tiny")
+    write_model(inside.models / "tiny")
     formats = [word for name in FORMATS for word in ("--format", name)]
     assert inside("predict", "room.png", "-o", "new/deep/", *formats).returncode == 0
     names = {f"new/deep/room{facts.suffix}" for facts in FORMATS.values()}

@@ -174,8 +174,7 @@ def test_names_are_offered_where_names_are_wanted(
 
 
 def test_offered_names_are_those_that_are_taken() -> None:
-    from depthcli.inference.providers import AUTO, PROVIDERS  # noqa: PLC0415
-
     from depthcli.cli import options  # noqa: PLC0415
+    from depthcli.inference.session import AUTO, PROVIDERS  # noqa: PLC0415
 
     assert {*options.PROVIDERS} == {AUTO, *PROVIDERS}

@@ -25,7 +25,7 @@ from depthcli.io.images import heif
 from depthcli.io.images.pixels import upright
 from depthcli.io.images.read import read_image
 from depthcli.known import clouds
-from depthcli.known.extrinsics import read_extrinsics
+from depthcli.known.clouds import read_extrinsics
 from depthcli.known.files import KnownDepthFiles
 from depthcli.known.sources import read_file, read_known_depth
 

@@ -27,7 +27,7 @@ from depthcli.jobs.batch.plan import BatchPlan
 from depthcli.jobs.image import failure_reason
 from depthcli.jobs.outputs import Destination, Kind, MapOptions
 from depthcli.known.points import KnownDepth
-from depthcli.known.sources import read_file
+from depthcli.known.sources import read_file, read_topic
 from depthcli.video.formats import COUNTERPARTS, VideoFormat
 
 if TYPE_CHECKING:
@@ -70,8 +70,6 @@ class BatchOptions(MapOptions):
 
     def points_of(self, origin: Any, camera: Intrinsics) -> KnownDepth | None:  # noqa: ANN401
         """The known depth of an image of a bag; None if there is none for any."""
-        from depthcli.known.topics import read_topic  # noqa: PLC0415 - an extra
-
         if isinstance(self.anchors, tuple) or self.topic is None:
             return None
         return replace(read_topic(origin, self.anchors, camera), fit=self.anchors_fit)
