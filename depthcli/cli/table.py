@@ -21,7 +21,7 @@ COMMANDS = {
     "export-onnx": ("export:export_onnx", "Export a checkpoint to ONNX with a model card."),
     "bench": ("bench:bench", "Benchmark a model: latency, throughput, memory."),
     "serve": ("serve:serve", "Serve depth over HTTP with one loaded model."),
-    "mcp": ("mcp:mcp", "Serve depth to agents (Model Context Protocol)."),
+    "mcp": ("serve:mcp", "Serve depth to agents (Model Context Protocol)."),
     "doctor": ("doctor:doctor", "Check the installation: provider, model, codecs."),
 }  #: name -> (module in ``commands/`` and its function or functions by name, one line of help)
 LAB_COMMANDS = ("eval", "train", "export-onnx", "bench")  #: those in ``lab/commands/``

@@ -280,9 +280,6 @@ class DepthMap:
         if self.values.ndim != 2 or self.values.dtype != np.float32:  # noqa: PLR2004
             msg = f"depth is (H, W) float32, not {self.values.shape} {self.values.dtype}"
             raise ValueError(msg)
-        if self.error is not None and self.error.shape != self.values.shape:
-            msg = f"the error of depth is of its shape, not {self.error.shape}"
-            raise ValueError(msg)
         object.__setattr__(self, "kind", DepthKind(self.kind))
 
     @property

@@ -21,7 +21,6 @@ from depthcli.core.camera import (
 from depthcli.core.options import DEFAULT_UPSAMPLING, DepthMask, UpsamplingOptions
 from depthcli.core.types import DepthMap, Frame, Provenance, masked_to_data_window
 from depthcli.errors import InputError, Message, ModelError, UsageError
-from depthcli.inference import camera as lenses
 from depthcli.inference import transforms
 from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import Layout, prepare
@@ -113,7 +112,7 @@ class Pipeline:
         ):
             return [self._alone(*task) for task in zip(frames, cameras, known_depth, strict=True)]
         lens = [
-            lenses.intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)
+            transforms.intrinsics_of(self.card, *pair) for pair in zip(frames, cameras, strict=True)
         ]
         frames = [
             frame
@@ -192,7 +191,7 @@ class Pipeline:
         if spec.points:
             raw = _of_points(spec, raw, camera, frame)
         own_deg = None if raw.hfov_deg is None else float(raw.hfov_deg)
-        camera = lenses.with_own_view(camera, own_deg, frame.width)
+        camera = transforms.with_own_view(camera, own_deg, frame.width)
         coarse = unrefined = transforms.coarse_depth(spec, raw.maps, layout)
         if not np.isfinite(coarse).any():
             where = frame.path or "an image"
@@ -210,7 +209,7 @@ class Pipeline:
             values = transforms.enlarged(spec, raw.maps, layout, frame)
         else:
             values = transforms.full_size(spec, coarse, frame, self.detail.upsampling, radius)
-        scale = 1.0 if points else lenses.metric_scale(self.card, frame, layout, camera)
+        scale = 1.0 if points else transforms.metric_scale(self.card, frame, layout, camera)
         if scale != 1:
             values *= np.float32(scale)
         if camera.scale is not None:
@@ -218,7 +217,7 @@ class Pipeline:
         if self.detail.mask is DepthMask.MODEL and spec.mask and raw.mask is not None:
             values[transforms.without_depth(spec.mask, raw.mask, layout, frame)] = np.nan
         source = self._provenance(frame, (layout.width, layout.height), camera)
-        error = self._error(frame) if self.detail.error else None
+        error = self._error(frame, self.session.error) if self.detail.error else None
         depth = DepthMap(values, self.card.output.kind, source, error)
         warnings = _range_warnings(spec, depth, scale)
         if self.detail.tile_px and tile_px is None:
@@ -226,14 +225,13 @@ class Pipeline:
             warnings += (Message("it has no effect", wide, option="tile"),)
         return Prediction(depth, warnings), followed
 
-    def _error(self, frame: Frame) -> Float32Array | None:
+    def _error(self, frame: Frame, session: Session | None) -> Float32Array | None:
         """The relative error that the depth of an image is expected to have, (H, W) float32."""
-        if self.session.error is None:
+        if session is None:
             return None
-        card = self.session.error.model.card
-        batch, layout = prepare(card.input, frame)
-        coarse = transforms.coarse_depth(card.output, self.session.error.run(batch)[0], layout)
-        return transforms.full_size(card.output, coarse, frame, options.Upsampling.BILINEAR)
+        spec, (batch, layout) = session.model.card.output, prepare(session.model.card.input, frame)
+        coarse = transforms.coarse_depth(spec, session.run(batch)[0], layout)
+        return transforms.full_size(spec, coarse, frame, options.Upsampling.BILINEAR)
 
     def _calibrated(self, depth_m: Float32Array, scale: CameraScale) -> Float32Array:
         """Metres corrected as it was measured for a camera; NaN where none are left."""
@@ -249,7 +247,7 @@ class Pipeline:
         if camera.has_focal or camera.centre_px:
             problem = "an equirectangular image has no focal length and no principal point"
             raise InputError(problem, "leave them out, or give {projection} pinhole")
-        if lenses.metric_camera(self.card) is None:
+        if transforms.metric_camera(self.card) is None:
             problem = f"model {self.card.name!r} gives no metres of a known camera for a panorama"
             raise InputError(problem, "give another {model}")
         view, size_px = Intrinsics(hfov_deg=HFOV_DEG), (0, 0)

@@ -88,21 +88,17 @@ def bag_members(
             if message.__msgtype__ == _INFO:
                 info = message
                 continue
-            header, scan = message.header, nearest(message)
-            origin = Origin(camera_name, time_ns, header, info, scan, transforms)
-            stamp = header.stamp
+            header, stamp = message.header, message.header.stamp
+            origin = Origin(camera_name, time_ns, header, info, nearest(message), transforms)
             camera = _camera(info, path, is_rectified="rect" in last)
             yield Member(f"{stamp.sec}.{stamp.nanosec:09}", _encoded(message), camera, origin)
 
 
 def _messages(bag: Any, connections: Sequence[Any], at_ns: int | None = None) -> Iterator[Any]:  # noqa: ANN401
     """Messages and the times they were recorded at, in order; of all times, or of one."""
-    end_ns = None if at_ns is None else at_ns + 1
-    # The library takes no connection for all of them.
-    for connection, time_ns, data in (
-        bag.messages(connections, at_ns, end_ns) if connections else ()
-    ):
-        yield bag.deserialize(data, connection.msgtype), time_ns
+    if connections:  # the library takes none for all of them
+        for connection, time_ns, data in bag.messages(connections, at_ns, at_ns and at_ns + 1):
+            yield bag.deserialize(data, connection.msgtype), time_ns
 
 
 def _sensor_reader(bag: Any, topic: str | None) -> Callable[[Any], Any]:  # noqa: ANN401

@@ -6,11 +6,11 @@ that fails answers with the error's line, which says what to do.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
-from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from mcp.server import MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
@@ -31,31 +31,23 @@ _GUIDE = (
     "for distances and places in its depth file."
 )
 _BOX = 4  # numbers
-_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-def _tool(server: MCPServer) -> Callable[[_Function], _Function]:
-    """Add a function as a tool, whose errors of depthcli are its answer."""
-
-    def add(function: _Function) -> _Function:
-        @server.tool()
-        @wraps(function)
-        def checked(**arguments: Any) -> Any:  # noqa: ANN401 - those of the function
-            try:
-                return function(**arguments)
-            except DepthcliError as error:
-                raise ToolError(str(error)) from error
-
-        return function
-
-    return add
+@contextmanager
+def _answered() -> Iterator[None]:
+    """Make errors of depthcli the answer of a tool; the SDK hides what others say."""
+    try:
+        yield
+    except DepthcliError as error:
+        raise ToolError(str(error)) from error
 
 
 def make_server(model: SessionLoader) -> MCPServer:
     """A server of three tools, of which one runs a model."""
     server = MCPServer("depthcli", version=__version__, instructions=_GUIDE, log_level="ERROR")
 
-    @_tool(server)
+    @server.tool()
+    @_answered()
     def estimate_depth(image: str, out: str, hfov_deg: float | None = None) -> dict[str, Any]:
         """Estimate the depth of an image, and write it to a file: .png (16-bit, millimetres), .exr
         or .npy (metres), .glb (mesh), .html (a page in three dimensions).
@@ -74,7 +66,8 @@ def make_server(model: SessionLoader) -> MCPServer:
         facts = depth_facts(done.depth)
         return {"files": done.outputs, **facts, "warnings": [*map(str, done.warnings)]}
 
-    @_tool(server)
+    @server.tool()
+    @_answered()
     def distance(depth_file: str, place: list[int]) -> dict[str, Any]:
         """Depth at a pixel [x, y] of a depth file, with its point in space and its surface's
         normal; or in a box [left, top, right, bottom], with its width and height in metres.
@@ -90,7 +83,8 @@ def make_server(model: SessionLoader) -> MCPServer:
             raise UsageError(f"{place} is neither [x, y] nor [left, top, right, bottom]")
         return {"unit": depth.unit, **facts, "warnings": [*stored.warnings]}
 
-    @_tool(server)
+    @server.tool()
+    @_answered()
     def view(depth_file: str, image: str, out: str) -> dict[str, Any]:
         """Write a page (.html) that shows a depth file with its image in three dimensions."""
         done = convert(ConvertRequest(depth_file, out, Format.HTML, image=image))

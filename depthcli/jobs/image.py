@@ -17,8 +17,8 @@ from depthcli.core import types
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import DepthcliError, OutputError, about, is_out_of_memory, os_errors_as
-from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, Prediction
+from depthcli.inference.transforms import focal_warnings
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.table import FORMATS, Format, writer_of
 from depthcli.io.storage.atomic import atomic_path

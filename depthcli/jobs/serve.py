@@ -56,8 +56,7 @@ _MOST_PARSED = 256
 _RETRY = {"Retry-After": "1"}
 _PROBLEM = "application/problem+json"
 _FILES = files("depthcli.jobs")
-_TYPES = mimetypes.MimeTypes()
-_TYPES.add_type("model/vnd.usdz+zip", ".usdz")
+mimetypes.add_type("model/vnd.usdz+zip", ".usdz")
 _IN_FLIGHT = "depthcli_in_flight"
 _IMAGE_FIELDS, _KNOWN = ("image", "file"), "anchors"  # of a form
 _OF_SERVER = {"max_pixels": "the server's --max-pixels"}  #: parameters that no request has
@@ -297,7 +296,7 @@ class DepthServer:
         done = job.run(ImageTask(frame, options.camera, points, {options.format: body}))
         warnings = map(_named_as_in_query, (*self.session.warnings, *done.warnings))
         facts = depth_facts(done.depth) | {"warnings": [*dict.fromkeys(warnings)]}
-        kind = _TYPES.guess_type(f"depth{options.format.facts.suffix}")[0]
+        kind = mimetypes.guess_type(f"depth{options.format.facts.suffix}")[0]
         return Response(body.getvalue(), 200, _headers(facts), kind or "application/octet-stream")
 
     def _in_flight(self) -> int:

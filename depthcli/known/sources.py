@@ -86,15 +86,23 @@ def read_file(path: Path, files: KnownDepthFiles) -> KnownDepth:
 def _of_cloud(path: Path, files: KnownDepthFiles) -> KnownDepth:
     if files.kind:
         raise InputError(f"{path} has points in three dimensions", "remove {anchors_kind}")
-    cloud_m, doubts = read_cloud(path) / (files.scale or 1), tuple[str, ...]()
-    if files.extrinsics:
-        pose, doubts = read_extrinsics(files.extrinsics)
-        cloud_m = cloud_m @ pose[:3, :3].T + pose[:3, 3]
-    points = projected(cloud_m, files.camera)
-    points = replace(points, warnings=doubts + points.warnings)
+    points = _placed(read_cloud(path), files)
     if not len(points):
         raise InputError(f"{path} has no point before the camera", "give its {extrinsics}")
     return points if files.scale else points.doubted("{anchors_scale} states another")
+
+
+def _placed(
+    cloud: Float64Array, files: KnownDepthFiles, pose: Float64Array | None = None
+) -> KnownDepth:
+    """The points of a cloud in the image; the pose is in place of that of extrinsics."""
+    cloud_m, doubts = cloud / (files.scale or 1), tuple[str, ...]()
+    if files.extrinsics:
+        pose, doubts = read_extrinsics(files.extrinsics)
+    if pose is not None:
+        cloud_m = cloud_m @ pose[:3, :3].T + pose[:3, 3]
+    points = projected(cloud_m, files.camera)
+    return replace(points, warnings=doubts + points.warnings)
 
 
 def _of_phone(image: Path, camera: Intrinsics) -> KnownDepth:
@@ -136,13 +144,8 @@ def read_topic(origin: Origin, files: KnownDepthFiles, camera: Intrinsics) -> Kn
         return replace(KnownDepth.of(()), warnings=(warning,))
     frame, image_frame = message.header.frame_id, origin.header.frame_id
     if message.__msgtype__ == CLOUD:
-        cloud_m = cloud_of_message(message) / (files.scale or 1)
-        if files.extrinsics:
-            pose, doubts = read_extrinsics(files.extrinsics)
-        else:
-            pose, doubts = _pose(origin.transforms, frame, image_frame), ()
-        points = projected(cloud_m @ pose[:3, :3].T + pose[:3, 3], camera)
-        points = replace(points, warnings=doubts + points.warnings)
+        pose = None if files.extrinsics else _pose(origin.transforms, frame, image_frame)
+        points = _placed(cloud_of_message(message), replace(files, camera=camera), pose)
     elif frame == image_frame:
         points = KnownDepth.of_map(_depth(message, files.scale))
     else:

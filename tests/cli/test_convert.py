@@ -17,9 +17,8 @@ from depthcli.core.types import DepthMap, Provenance
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
-from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.png16 import Png16Writer, SidecarWriter
 from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.formats.sidecar import SidecarWriter
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.folder import NameFilter
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, convert_folder, plan_folder

@@ -13,8 +13,8 @@ from helpers.tiny import load, point_cloud, write_model
 from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
 from depthcli.core.types import Frame, Provenance
 from depthcli.errors import InputError
-from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline, try_session
+from depthcli.inference.transforms import focal_warnings
 
 FITS: tuple[dict[str, Any], ...] = (
     {"input__fit": "stretch"},

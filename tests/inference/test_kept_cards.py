@@ -14,10 +14,9 @@ import pytest
 from depthcli.core.camera import CameraSource, Intrinsics
 from depthcli.core.options import DepthMask, Upsampling, UpsamplingOptions
 from depthcli.core.types import Frame
-from depthcli.inference.camera import metric_scale
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
-from depthcli.inference.transforms import coarse_depth, prepare, prompt_input
+from depthcli.inference.transforms import coarse_depth, metric_scale, prepare, prompt_input
 from depthcli.known.points import KnownDepth
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import Model, ready_fields, ready_names

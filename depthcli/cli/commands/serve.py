@@ -1,4 +1,4 @@
-"""``depthcli serve``: the command, its options, and those of a request."""
+"""``depthcli serve`` and ``mcp``: the commands, their options, and those of a request."""
 
 from __future__ import annotations
 
@@ -122,6 +122,19 @@ def serve(
         reason = str(error.strerror).partition(" (")[0]  # Python repeats the address
         problem = f"cannot listen at {listen.host}:{listen.port}: {reason}"
         raise UsageError(problem, "choose another {port} or {host}") from error
+    return ExitCode.OK
+
+
+def mcp(*, model: options.ModelOptions) -> int:
+    """Serve tools for agents on standard input and output (Model Context Protocol).
+
+    Tools: estimate_depth of an image file, distance at a pixel or in a box of a depth file, view in
+    three dimensions. Add 'depthcli mcp' to the configuration of your agent.
+    """
+    from depthcli.cli import parse
+    from depthcli.jobs.agent import make_server
+
+    make_server(parse.session_loader(model.model, model.runtime)).run("stdio")
     return ExitCode.OK
 
 

@@ -1,5 +1,6 @@
-"""16-bit gray PNG and PGM, by default in millimetres; 0 means no depth."""
+"""16-bit gray PNG and PGM, by default in millimetres; 0 means no depth. Their sidecar in JSON."""
 
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,7 +11,7 @@ import numpy as np
 from depthcli.core.arrays import UInt16Array
 from depthcli.core.imageops import row_bands
 from depthcli.core.options import one_line
-from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.core.types import DepthKind, DepthMap, DepthRange, Frame
 from depthcli.errors import InputError, OutputError
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.images.png import SIGNATURE, encode_png, read_text
@@ -19,7 +20,7 @@ from depthcli.io.marks import KEY_PREFIX
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.stored import metadata as facts
 from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, reciprocal, stored_depth
-from depthcli.io.stored.sidecar import with_sidecar
+from depthcli.io.stored.sidecar import SIDECAR_ENDS, with_sidecar
 
 _GRAY_RANK = 2
 _ERROR_STEPS = 10_000.0
@@ -56,6 +57,37 @@ class ErrorWriter(WriterOptions):
         steps, _ = facts.quantized(error, _ERROR_STEPS)
         texts = facts.metadata_texts(depth) | {"kind": facts.ERROR, "scale": f"{_ERROR_STEPS:g}"}
         path.write_bytes(encode_png(steps, facts.own_texts(texts)))
+        return ()
+
+
+class SidecarWriter(WriterOptions):
+    """Unit, scale, kind, orientation, model, resize, camera, range and version."""
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write one JSON object."""
+        source = depth.provenance
+        range_, ends = DepthRange.of(depth), dict[str, float]()
+        if self.is_normalized and range_.min is not None and range_.max is not None:
+            ends = dict(zip(SIDECAR_ENDS, self.range_of((range_.min, range_.max)), strict=True))
+        has_unit = depth.is_metric and not self.is_normalized
+        document = {
+            "software": facts.SOFTWARE,
+            "kind": depth.kind.value,
+            "unit": depth.unit,
+            "png16_scale": self.units_per_metre if has_unit else None,
+            **({"png16_inverse": True} if self.png_inverse and depth.is_metric else {}),
+            **ends,
+            "width": depth.width,
+            "height": depth.height,
+            "orientation": frame.orientation if frame else source.orientation,
+            **({"projection": source.projection} if source.projection.is_other else {}),
+            **({} if source.time_s is None else {"time_s": source.time_s}),
+            **range_._asdict(),
+            "network_size_px": source.input_size_px,
+            **facts.origin_fields(depth),
+            **facts.known_depth_fields(depth),
+        }
+        path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", "utf-8")
         return ()
 
 

@@ -142,7 +142,7 @@ class Format(TableOfFormats):
     PGM = "pgm", _steps("png16:Png16Writer", ".depth.pgm", ".pgm", _PGM_MARK)
     NPZ = "npz", _exact("npy:NpzWriter", ".depth.npz", ".npz", b"depthcli.npy")
     COLMAP = "colmap", _floats(".depth.bin", ".bin")
-    JSON = "json", _stated("sidecar:SidecarWriter", ".depth.json", ".json", _JSON_MARK, _PNG, _ENDS)
+    JSON = "json", _stated("png16:SidecarWriter", ".depth.json", ".json", _JSON_MARK, _PNG, _ENDS)
 
 
 FORMATS = {format_: format_.facts for format_ in Format}

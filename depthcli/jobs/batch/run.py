@@ -13,9 +13,9 @@ from depthcli.core.options import GPU_BATCH
 from depthcli.core.parallel import share_cores
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import InputError, OutputError
-from depthcli.inference.camera import focal_warnings
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.session import CPU, Session
+from depthcli.inference.transforms import focal_warnings
 from depthcli.io.images.read import check
 from depthcli.io.manifest import WHOLE, CacheKey, Journal, known_rows
 from depthcli.io.storage.paths import local_copy, read_bytes, safe_name

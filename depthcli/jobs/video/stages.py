@@ -20,8 +20,8 @@ from depthcli.core.parallel import one_thread_each, ordered_map
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, Message, about
-from depthcli.inference.camera import focal_warnings
 from depthcli.inference.pipeline import Pipeline
+from depthcli.inference.transforms import focal_warnings
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import percentiles
 from depthcli.io.guard import Guard

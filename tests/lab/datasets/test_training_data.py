@@ -12,8 +12,7 @@ from helpers import made
 from depthcli.core.camera import Intrinsics
 from depthcli.core.types import Frame
 from depthcli.errors import DatasetError, UsageError
-from depthcli.inference.camera import intrinsics_of, metric_scale
-from depthcli.inference.transforms import input_layout
+from depthcli.inference.transforms import input_layout, intrinsics_of, metric_scale
 from depthcli.io.images.pixels import upright
 from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.lab.datasets.base import Pair, SplitName, split_nyu
