@@ -50,3 +50,8 @@ depthcli train prompted $PROMPTED --init runs/prompted-82/last.ckpt --set optim.
 depthcli train prompted $PROMPTED --init runs/prompted-83/last.ckpt --set optim.epochs_decay=33 --set seed=84 --out runs/prompted-84
 depthcli train prompted $PROMPTED --init runs/prompted-84/last.ckpt --set optim.epochs_decay=160 --set seed=85 --out runs/prompted-85
 depthcli export-onnx runs/prompted-85/last.ckpt -o models/prompted/ --name prompted --model-version 4.6.0 --focal-exponent 0.8 --license "MIT AND Apache-2.0" --int8 IMAGES
+
+# Finer edges, and the expected error, of the bundled network; with a checkpoint and --held-out, or without --line, of a twin, which gives the
+# scores and the line. The twin that was measured: F, fine-tuned as runs/default-gpu-7 and again with seed 43, the mean of both.
+python docs/sharp_model.py models/float --data NYU --int8 IMAGES -o models/sharp
+python docs/error_head.py models/default --data NYU --photographs photos --labels labels-odd -o models/error --line 0.4112 0.9891

@@ -311,8 +311,8 @@ class MapOptions(DetailOptions):
         default=choices.DepthMask.NONE,
     )
     error: bool = option(
-        "Also estimate the relative error that depth is expected to have: for the channel 'error' "
-        "of EXR, NPZ, html and --json. Implied by --format error and --max-error.",
+        "Also estimate the expected relative error of depth, for EXR (channel 'error'), NPZ, html "
+        "and --json. Implied by --format error and --max-error.",
         default=False,
     )
 

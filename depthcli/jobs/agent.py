@@ -30,7 +30,6 @@ _GUIDE = (
     "Depth in metres from single images of rooms. Estimate the depth of an image first, then ask "
     "for distances and places in its depth file."
 )
-_BOX = 4  # numbers
 
 
 @contextmanager
@@ -74,13 +73,13 @@ def make_server(model: SessionLoader) -> MCPServer:
         """  # noqa: D205
         stored = read_map(Path(depth_file))
         depth = stored.displayed
-        if len(place) == _BOX and min(place) >= 0:
-            left, top, right, bottom = place
-            facts = asdict(depth_in(depth, (left, top, right, bottom)))
-        elif len(place) == _BOX // 2 and min(place) >= 0:
-            facts = asdict(depth_at(depth, *place))
-        else:
-            raise UsageError(f"{place} is neither [x, y] nor [left, top, right, bottom]")
+        match place:
+            case [left, top, right, bottom] if min(place) >= 0:
+                facts = asdict(depth_in(depth, (left, top, right, bottom)))
+            case [x, y] if min(place) >= 0:
+                facts = asdict(depth_at(depth, x, y))
+            case _:
+                raise UsageError(f"{place} is neither [x, y] nor [left, top, right, bottom]")
         return {"unit": depth.unit, **facts, "warnings": [*stored.warnings]}
 
     @server.tool()

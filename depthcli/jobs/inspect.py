@@ -159,9 +159,8 @@ def depth_in(depth: DepthMap, area: tuple[int, int, int, int] | BoolArray) -> Ar
         width_m, height_m = (side * median_m / focal_px for side in (box.width, box.height))
         size_m = width_m, height_m / depth.provenance.pixel_aspect
         is_on_edge = holds_edge(np.where(box.valid, box.values, np.float32(np.nan)), focal_px)
-    error = None
-    if depth.error is not None and valid.any():
-        error = float(np.median(depth.error[mask][valid]))
+    errors = () if depth.error is None else depth.error[mask][valid]
+    error = float(np.median(errors)) if len(errors) else None
     return AreaDepth(valid.size, float(1 - valid.mean()), named, size_m, is_on_edge, error)
 
 

@@ -32,7 +32,7 @@ def test_the_bundled_models_are_in_the_wheel_and_run(cli: Cli) -> None:
     nothing_else = {"DEPTHCLI_MODELS": ""}
     listed = cli("models", "list", "--json", **nothing_else).stdout.splitlines()
     models = {row["name"]: row for row in map(json.loads, listed)}
-    assert models.keys() == {"default", "fast", "float", "prompted"}
+    assert models.keys() == {"default", "error", "fast", "float", "prompted", "sharp"}
     write_image(cli.folder / "a.png")
     words = ("predict", "a.png", "-o", "a.npy", "--json", "--model", "fast")
     told = json.loads(cli(*words, **nothing_else).stdout)

@@ -146,7 +146,10 @@ def test_shells_can_complete(cli: Cli, shell: str) -> None:
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        ("predict a.jpg --model ", ["default", "fast", "float", "other", "prompted"]),
+        (
+            "predict a.jpg --model ",
+            ["default", "error", "fast", "float", "other", "prompted", "sharp"],
+        ),
         ("predict a.jpg --model o", ["other"]),
         ("batch in --provider d", ["directml"]),
         ("video a.mp4 --profile ", ["mine"]),

@@ -187,7 +187,7 @@ def test_it_is_the_same_for_ever() -> None:
         Path("a/b"),
         {"b": 1, "a": [2]},
     )
-    expected = "8dfdc48b0ec6b653820a5b64f4010be2619f691c85e98ac879adb232e060c5a2"
+    expected = "8db22fa8cde29a20960eb9abef8603bd68bcd8d9e90bfe70304f510555dddca3"
     assert fingerprint(*facts) == expected
 
 

@@ -202,7 +202,8 @@ def test_without_locks_temporary_files_stay(
     assert names(tmp_path) == [path.name]
 
 
-DEPTH = DepthMap(np.ones((4, 5), np.float32), provenance=Provenance(focal_px=9.0))
+ONES = np.ones((4, 5), np.float32)
+DEPTH = DepthMap(ONES, provenance=Provenance(focal_px=9.0), error=ONES / 8)
 
 
 @pytest.mark.parametrize("which", Format)

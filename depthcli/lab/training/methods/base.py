@@ -94,11 +94,16 @@ class Method(nn.Module):
             name: partial(loss, raw_y, y, valid_mask=valid_mask)
             for name, loss in {"l1": l1, **others}.items()
         }
-        custom = {
-            name: weight * self._custom_losses[name](raw_y, y, valid_mask)
+        return self.weighted(**terms) | self.custom_terms(raw_y, y, valid_mask)
+
+    def custom_terms(
+        self, prediction: Tensor, truth: Tensor, valid_mask: Tensor | None
+    ) -> dict[str, Tensor]:
+        """Weighted terms of ``loss.custom``; coded depth (B, 1, H, W), and its valid pixels."""
+        return {
+            name: weight * self._custom_losses[name](prediction, truth, valid_mask)
             for name, weight in self.weights.custom.items()
         }
-        return self.weighted(**terms) | custom
 
     def encode(self, depth_m: Tensor) -> Tensor:
         """Depth (B, 1, H, W) in metres to the networks' coding in [-1, 1]."""
