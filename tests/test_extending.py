@@ -119,10 +119,10 @@ def test_an_output_format_never_replaces_a_foreign_file(extended: Extended) -> N
 def test_a_metric(extended: Extended) -> None:
     write_rooms(extended.folder / "nyu", large_rooms())
     words = ("eval", "nyu", "--data", "nyu", "--split", "val", "--no-model", "--csv", "table.csv")
-    assert " irmse" in extended.run("-m", "depthcli", *words)
+    assert " near_1cm" in extended.run("-m", "depthcli", *words)
     header, *rows = (extended.folder / "table.csv").read_text().splitlines()
-    assert header.split(",")[-1] == "irmse"
-    assert all(float(row.split(",")[-1]) > 0 for row in rows)
+    assert header.split(",")[-1] == "near_1cm"
+    assert all(0 <= float(row.split(",")[-1]) <= 1 for row in rows)
 
 
 def test_a_loss(extended: Extended) -> None:
