@@ -202,7 +202,7 @@ def data_fingerprint(dataset: DepthDataset) -> str:
 
 Opener: TypeAlias = Callable[[Path], DepthDataset]
 
-LAYOUTS = {
+OPENERS = {
     "nyu_depth_v2_labeled.mat": "nyu:open_nyu",
     "index.csv": "nyu:open_nyu",
 }
@@ -211,7 +211,7 @@ LAYOUTS = {
 
 def opener_of(folder: Path) -> Opener | None:
     """The function that opens a folder; None if no file is recognized."""
-    for name, entry in LAYOUTS.items():
+    for name, entry in OPENERS.items():
         if (folder / name).is_file():
             return resolve_name(f"depthcli.lab.datasets.{entry}")  # type: ignore[no-any-return]
     return None

@@ -62,7 +62,7 @@ def open_training_data(
     *,
     paired: bool,
 ) -> TrainingData:
-    """Open a data set to train on: NYU Depth v2, another of ``LAYOUTS``, or pairs of your own.
+    """Open a data set to train on: NYU Depth v2, another of ``OPENERS``, or pairs of your own.
 
     If images need not be ``paired`` with depth, they may differ in names and sizes. Of your own
     pairs, whose depth has ``units_per_metre``, the ``official`` split is what an index.csv calls
