@@ -312,7 +312,7 @@ class MapOptions(DetailOptions):
     )
     error: bool = option(
         "Also estimate the expected relative error of depth, for EXR (channel 'error'), NPZ, html "
-        "and --json. Implied by --format error and --max-error.",
+        "and --json. Outputs that need it imply it.",
         default=False,
     )
 

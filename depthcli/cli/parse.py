@@ -160,10 +160,6 @@ def known_depth(
         return _listed_points(options)
     from depthcli.known.files import SELF, KnownDepthFiles
 
-    if path == SELF and (options.anchors_scale or options.anchors_kind):
-        raise UsageError(
-            "", "{anchors_scale} and {anchors_kind} are for files, not for {anchors} self"
-        )
     files = KnownDepthFiles(
         path,
         options.anchors_scale,
@@ -175,7 +171,10 @@ def known_depth(
     place = path_of(path)
     if options.extrinsics and not files.may_be_clouds:
         raise UsageError("", "{extrinsics} is for clouds: leave it out, or name one in {anchors}")
-    if (path == SELF or files.topic) and is_folder is None:
+    is_stated = path == SELF or files.topic is not None
+    if is_stated and (files.scale or files.kind):
+        raise UsageError("", "{anchors_scale} and {anchors_kind} are for files in {anchors}")
+    if is_stated and is_folder is None:
         raise UsageError("the frames of a video have no depth of their own", option="anchors")
     if camera.is_undistorted and files.is_by_image:
         problem = "its points are of the images with their distortion"

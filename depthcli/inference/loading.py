@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING
 
 from depthcli.core.parallel import Background
@@ -63,7 +64,7 @@ class SessionLoader:
                 loaded.load_known_depth = SessionLoader(KNOWN_DEPTH_MODEL, CPU, self.threads).load
             card, threads = loaded.model.card, self.threads or "all"
             if card.error_model is not None:
-                loaded.load_error = SessionLoader(card.error_model, CPU, self.threads).load
+                loaded.load_error = cache(SessionLoader(card.error_model, CPU, self.threads).load)
             facts = card.name, card.version, loaded.model.path, loaded.provider, threads
             _LOG.info("model %s %s from %s on %s, %s threads", *facts)
             return loaded

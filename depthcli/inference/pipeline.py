@@ -124,11 +124,9 @@ class Pipeline:
         if self.detail.mask is DepthMask.MODEL and self.card.output.mask is None:
             problem = f"model {self.card.name!r} tells no mask of its own"
             raise InputError(problem, "leave {mask} out, or give another {model}")
-        if self.detail.error and (self.session.error is None or any(known_depth)):
-            of_what = (
-                "fitted to known depth" if any(known_depth) else f"of model {self.card.name!r}"
-            )
-            raise InputError(f"the error of depth {of_what} is not known", "leave {error} out")
+        if self.detail.error and (self.session.load_error is None or any(known_depth)):
+            what = "with known depth" if any(known_depth) else f"of model {self.card.name!r}"
+            raise InputError(f"the error of depth {what} is not known", "leave {error} out")
         layouts = [layout for _, layout in prepared]
         known_points = [self._for_network(*one) for one in zip(frames, known_depth, strict=True)]
         prompts = [
@@ -217,7 +215,7 @@ class Pipeline:
         if self.detail.mask is DepthMask.MODEL and spec.mask and raw.mask is not None:
             values[transforms.without_depth(spec.mask, raw.mask, layout, frame)] = np.nan
         source = self._provenance(frame, (layout.width, layout.height), camera)
-        error = self._error(frame, self.session.error) if self.detail.error else None
+        error = self._error(frame) if self.detail.error else None
         depth = DepthMap(values, self.card.output.kind, source, error)
         warnings = _range_warnings(spec, depth, scale)
         if self.detail.tile_px and tile_px is None:
@@ -225,10 +223,11 @@ class Pipeline:
             warnings += (Message("it has no effect", wide, option="tile"),)
         return Prediction(depth, warnings), followed
 
-    def _error(self, frame: Frame, session: Session | None) -> Float32Array | None:
+    def _error(self, frame: Frame) -> Float32Array | None:
         """The relative error that the depth of an image is expected to have, (H, W) float32."""
-        if session is None:
+        if self.session.load_error is None:
             return None
+        session = self.session.load_error()
         spec, (batch, layout) = session.model.card.output, prepare(session.model.card.input, frame)
         coarse = transforms.coarse_depth(spec, session.run(batch)[0], layout)
         return transforms.full_size(spec, coarse, frame, options.Upsampling.BILINEAR)

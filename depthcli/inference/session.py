@@ -146,7 +146,7 @@ class Session:
         takes_one: whether the graph was exported for a single image.
         fixed_size: (height, width) that the graph states, in pixels; None where it is dynamic.
         load_known_depth: loads :attr:`known_depth` when it is needed; None if there is none.
-        load_error: likewise for :attr:`error`.
+        load_error: the session that estimates the error of depth, loaded once; None for none.
         on_stop: called by :meth:`stop`, for copies of the session in other processes.
     """
 
@@ -239,11 +239,6 @@ class Session:
         """The session that takes the place of this one where depth is known; None for none."""
         return self.load_known_depth and self.load_known_depth()
 
-    @cached_property
-    def error(self) -> "Session | None":
-        """The session that estimates the error of the depth of this one; None for none."""
-        return self.load_error and self.load_error()
-
     def identity(self, *, knows_depth: bool = False) -> tuple[object, ...]:
         """What depth depends on besides the image and the options, for fingerprints.
 
@@ -260,9 +255,8 @@ class Session:
         self._run_options.terminate = True
         if self.on_stop is not None:
             self.on_stop()
-        for name in ("known_depth", "error"):
-            if (other := vars(self).get(name)) is not None:
-                other.stop()
+        if (other := vars(self).get("known_depth")) is not None:
+            other.stop()
 
     def _maps(self, raw: AnyArray, count: int) -> Float32Array:
         """An output of (N, h, w), (N, 1, h, w) or (N, h, w, 1) as (N, h, w) float32.

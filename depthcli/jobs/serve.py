@@ -20,6 +20,7 @@ from functools import lru_cache, partial
 from http.client import responses
 from importlib.resources import files
 from io import BytesIO
+from pathlib import PurePath
 from typing import Any, NamedTuple
 
 import uvicorn
@@ -46,7 +47,6 @@ from depthcli.io.formats.table import Format
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.jobs.image import ImageJob, ImageTask, depth_facts
 from depthcli.jobs.outputs import MapOptions
-from depthcli.known.files import SUFFIXES
 
 _LOG = logging.getLogger(__name__)
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -93,10 +93,8 @@ class Sent(NamedTuple):
             yield None
             return
         name, data = self.known
-        suffixes = (".pcd.bin", *SUFFIXES)  # the first has columns of its own
-        suffix = next((suffix for suffix in suffixes if name.lower().endswith(suffix)), "")
         with temporary_folder() as folder:
-            path = folder / f"{_KNOWN}{suffix}"
+            path = folder / (_KNOWN + "".join(PurePath(name).suffixes[-2:]).lower())
             path.write_bytes(data)
             yield str(path)
 
@@ -162,7 +160,7 @@ class DepthServer:
         origins: Sequence[str] = (),
         parameters: Sequence[dict[str, Any]] = (),
     ) -> None:
-        self._openapi = _openapi(parameters, has_token=bool(token))
+        self._openapi = _openapi(parameters)
         self.session, self.limits, self.token = session, limits, token
         self._parse = lru_cache(_MOST_PARSED)(parse)  # clients repeat their options
         self._pool = ThreadPoolExecutor(limits.workers)
@@ -321,15 +319,12 @@ class DepthServer:
         return PlainTextResponse(f"{error.detail}\n", error.status_code, error.headers)
 
 
-def _openapi(parameters: Sequence[dict[str, Any]], *, has_token: bool) -> dict[str, Any]:
+def _openapi(parameters: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """The description of the server for programs: OpenAPI 3.1."""
-    description = json.loads(_FILES.joinpath("openapi.json").read_text("utf-8"))
+    description: dict[str, Any] = json.loads(_FILES.joinpath("openapi.json").read_text("utf-8"))
     description["info"]["version"] = __version__
-    predict, metrics = (description["paths"][path] for path in ("/predict", "/metrics"))
-    predict["post"]["parameters"] = [*parameters]
-    if has_token:
-        predict["post"]["security"] = metrics["get"]["security"] = [{"token": []}]
-    return dict(description)
+    description["paths"]["/predict"]["post"]["parameters"] = [*parameters]
+    return description
 
 
 def _named_as_in_query(text: str) -> str:

@@ -147,21 +147,21 @@ def read_topic(origin: Origin, files: KnownDepthFiles, camera: Intrinsics) -> Kn
         pose = None if files.extrinsics else _pose(origin.transforms, frame, image_frame)
         points = _placed(cloud_of_message(message), replace(files, camera=camera), pose)
     elif frame == image_frame:
-        points = KnownDepth.of_map(_depth(message, files.scale))
+        points = KnownDepth.of_map(_depth(message))
     else:
         problem = f"depth of {files.topic} is of the frame {frame}, and the image of {image_frame}"
         raise InputError(problem, "choose a topic with depth that is aligned to the images")
     if not len(points):
         raise InputError(f"{files.topic} has no point in the image")
-    return points.doubted("{anchors_scale} states another")
+    return points
 
 
-def _depth(message: Any, units_per_metre: float | None) -> Float64Array:  # noqa: ANN401
+def _depth(message: Any) -> Float64Array:  # noqa: ANN401
     """Metres of a depth image: (H, W) float64; 0 and NaN are unknown."""
     if message.encoding not in _ENCODINGS:
         raise InputError(f"images of encoding {message.encoding} hold no depth")
     kind, units = _ENCODINGS[message.encoding]
-    return np.asarray(pixels_of(message, kind)[..., 0] / (units_per_metre or units))
+    return np.asarray(pixels_of(message, kind)[..., 0] / units)
 
 
 def _pose(transforms: Transforms, source: str, target: str) -> Float64Array:

@@ -306,6 +306,12 @@ def test_an_image_without_known_depth_near_its_time_is_not_fitted(inside: Cli) -
 
 
 def test_a_topic_is_no_known_depth_of_an_image_file(inside: Cli) -> None:
-    done = inside("predict", "a.png", "--anchors", "topic:/depth", code=None)
-    assert done.returncode
+    done = inside("predict", "a.png", "--anchors", "topic:/depth", code=1)
     assert b"bag" in done.stderr
+
+
+def test_scale_and_kind_are_not_for_topics(inside: Cli) -> None:
+    """REP 118 states both; they would have no effect."""
+    for words in (("--anchors-scale", "5000"), ("--anchors-kind", "distance")):
+        done = inside("batch", "drive", "-o", "out", "--anchors", "topic:/depth", *words)
+        assert (done.returncode, words[0].encode() in done.stderr) == (2, True)

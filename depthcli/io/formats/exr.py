@@ -16,9 +16,8 @@ from depthcli.io.exr import file as exr_file
 from depthcli.io.formats.geometry import camera_of
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, stored_depth
-from depthcli.io.stored.metadata import metadata_texts, own_metadata, own_texts
+from depthcli.io.stored.metadata import ERROR, metadata_texts, own_metadata, own_texts
 
-_ERROR = "error"
 _OPENGL = np.array([1, -1, -1], np.float32)
 _COLOURS = ("G", "B", "RY", "BY")
 _UNREAL = re.compile(r"(?i)WorldDepth|^FinalImage.*Depth")  # of its Movie Render Queue, in cm
@@ -56,7 +55,7 @@ class ExrWriter(WriterOptions):
         warnings = (f"{lost} pixels are beyond half floats and became infinite",) if lost else ()
         channels: dict[str, AnyArray] = {self.exr_channel: values}
         if stored.error is not None:
-            channels[_ERROR] = np.ascontiguousarray(stored.error.astype(values.dtype))
+            channels[ERROR] = np.ascontiguousarray(stored.error.astype(values.dtype))
         return channels, warnings
 
 
@@ -114,8 +113,8 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     )
     result = stored_depth(path, stored.over(part.data), texts, options.for_name(name), frame)
     warnings = (*result.warnings, doubt) if doubt else result.warnings
-    if _ERROR in channels and "software" in texts:
-        error = np.asarray(channels[_ERROR].over(part.data), np.float32)
+    if ERROR in channels and "software" in texts:
+        error = np.asarray(channels[ERROR].over(part.data), np.float32)
         result = replace(result, depth=replace(result.depth, error=error))
     return replace(result, channel=name, warnings=warnings)
 

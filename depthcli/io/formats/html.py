@@ -12,7 +12,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import Float32Array
 from depthcli.core.surface import Surface
 from depthcli.core.types import DepthMap, Frame
 from depthcli.io.formats.geometry import SurfaceWriter, camera_of
@@ -72,6 +71,9 @@ def _data(depth: DepthMap, surface: Surface, stride: int) -> dict[str, Any]:
     changes = np.diff(np.nan_to_num(steps).astype(np.uint16), axis=0, prepend=np.uint16(0))
     planes = (changes >> 8).astype(np.uint8), changes.astype(np.uint8), links
     grid = b"".join(plane.tobytes() for plane in planes)
+    percent = None  # of the depth, from 1 to 255
+    if depth.error is not None:
+        percent = np.rint(np.nan_to_num(depth.error[::stride, ::stride]) * 100).clip(1, 255)
     return {
         "width": width,
         "height": height,
@@ -83,14 +85,10 @@ def _data(depth: DepthMap, surface: Surface, stride: int) -> dict[str, Any]:
         "nearest_m": nearest_m,
         "log_step": log_step,
         "grid": _text(zlib.compress(grid, 9)),
-        "error": None if depth.error is None else _percent(depth.error[::stride, ::stride]),
+        "error": None
+        if percent is None
+        else _text(zlib.compress(percent.astype(np.uint8).tobytes(), 9)),
     }
-
-
-def _percent(error: Float32Array) -> str:
-    """Errors in whole percent, from 1 to 255."""
-    percent = np.rint(np.nan_to_num(error) * 100).clip(1, 255).astype(np.uint8)
-    return _text(zlib.compress(percent.tobytes(), 9))
 
 
 def _module(name: str) -> str:

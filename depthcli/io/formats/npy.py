@@ -15,10 +15,10 @@ from depthcli.errors import InputError, Message
 from depthcli.io.images.read import OPENCV_MAX_PIXELS
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.stored.depth import METRIC, DepthReadOptions, StoredDepth, stored_depth
-from depthcli.io.stored.metadata import metadata_texts
+from depthcli.io.stored.metadata import ERROR, metadata_texts
 
 _DIMENSIONS, _RGB = 2, 3
-_INTRINSICS, _ERROR = "intrinsics", "error"  # names of arrays
+_INTRINSICS = "intrinsics"
 _NAMES = ("depth", "depths", "depth_m", "metric_depth", "depth_map", "pred", "prediction", "arr_0")
 """Names of the array with depth in an NPZ: Depth Pro, Depth Anything 3, Video Depth Anything."""
 _MAX_BYTES = 8 * OPENCV_MAX_PIXELS
@@ -51,7 +51,7 @@ class NpzWriter:
         with path.open("wb") as file:
             arrays: dict[str, Any] = {"depth": depth.values}
             if depth.error is not None:
-                arrays[_ERROR] = depth.error
+                arrays[ERROR] = depth.error
             np.savez(file, depthcli=json.dumps(metadata_texts(depth)), **arrays)
         return ()
 
@@ -79,8 +79,8 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     if result.is_integer and result.scale and result.scale.source == "assumed":
         advice = "state its units per metre, 1000 for millimetres"
         raise InputError(f"{path} holds {values.dtype}, not float metres", advice)
-    if _ERROR in others and texts:
-        depth = replace(result.depth, error=np.asarray(others[_ERROR], np.float32))
+    if ERROR in others and texts:
+        depth = replace(result.depth, error=np.asarray(others[ERROR], np.float32))
         return replace(result, depth=depth)
     return result
 
@@ -94,7 +94,7 @@ def _named_array(data: bytes) -> tuple[str, AnyArray, dict[str, str], dict[str, 
         names = [name for name in arrays.files if name != "depthcli"]
         name = next((name for name in _NAMES if name in names), names[0] if len(names) == 1 else "")
         texts = {str(key): str(text) for key, text in texts.items()}
-        others = {key: arrays[key] for key in (_INTRINSICS, _ERROR) if key in arrays}
+        others = {key: arrays[key] for key in (_INTRINSICS, ERROR) if key in arrays}
         return name, np.asarray(arrays[name]), texts, others
 
 

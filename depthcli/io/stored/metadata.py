@@ -51,7 +51,7 @@ def known_depth_fields(depth: DepthMap) -> dict[str, dict[str, Any] | None]:
     return record if scale is None else {**record, "camera_scale": asdict(scale)}
 
 
-ERROR = "error"  #: kind of a file with the expected error of depth
+ERROR = "error"  #: kind of a file, or name of a channel, with the expected error of depth
 
 
 def metadata_texts(depth: DepthMap) -> dict[str, str]:

@@ -73,7 +73,7 @@ class TensorBoardLogger(Logger):
     _writer: Any = None
 
     def log(self, values: Mapping[str, float], step: int, samples: Path | None = None) -> None:
-        """Add scalars and pixels to the event file of this session."""
+        """Add scalars and pixels to the event file of this run."""
         folder = str(self.folder / "tensorboard")
         self._writer = self._writer or self.package.SummaryWriter(folder, purge_step=step)
         for name, value in values.items():
