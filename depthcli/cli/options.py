@@ -1,6 +1,7 @@
 """Options that several commands share, in groups by purpose."""
 
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from dataclasses import field
 from functools import partial
 from typing import Annotated, Any, Literal
@@ -354,6 +355,10 @@ class ScreenOptions:
     def shows_text(self) -> bool:
         """Whether results are printed as text."""
         return not (self.quiet or self.as_json)
+
+    def show_progress(self) -> AbstractContextManager[console.ProgressDisplay]:
+        """Show progress during a block, as JSON or where text is shown."""
+        return console.show_progress(is_shown=self.shows_text, as_json=self.progress == "json")
 
     def warn_all(self, texts: Iterable[str]) -> None:
         """Print warnings, a line each, unless only errors are printed."""

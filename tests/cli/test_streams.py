@@ -22,7 +22,7 @@ from helpers.tiny import endless_onnx, write_image, write_model
 from depthcli.cli import shell
 from depthcli.cli.options import ScreenOptions
 from depthcli.cli.process import ending_signals, graceful_shutdown
-from depthcli.cli.screen import console, progress
+from depthcli.cli.screen import console
 from depthcli.cli.table import COMMANDS
 from depthcli.errors import InputError
 from robustness import killed
@@ -124,7 +124,7 @@ def test_a_batch_has_a_bar_on_a_terminal(cli: Cli) -> None:
     code, shown = cli.on_a_terminal("batch", "in", "--out", "out")
     assert code == 0
     assert "3/3" in shown
-    assert re.search(r"\d inputs/s +0:00 to go", shown)
+    assert re.search(r"\d inputs/s +0:00:00 to go", shown)
 
 
 @pytest.mark.parametrize("words", [("--quiet",), ("--json",)])
@@ -139,11 +139,11 @@ def test_no_bar_for_machines(cli: Cli, words: tuple[str, ...]) -> None:
 def test_elsewhere_a_line_is_said_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(progress, "_LINE_EVERY_S", 0)
-    with progress.show_progress(ScreenOptions()) as drawing:
+    monkeypatch.setattr(console, "_LINE_EVERY_S", 0)
+    with ScreenOptions().show_progress() as drawing:
         drawing.begin("a.mp4", 4, "frames")(2)
     said = capsys.readouterr().err
-    assert re.fullmatch(r"a\.mp4: 2/4  \d+\.\d frames/s  \d+:\d\d to go\n", said)
+    assert re.fullmatch(r"a\.mp4: 2/4  \d+\.\d frames/s  \d+:\d\d:\d\d to go\n", said)
 
 
 ENDLESS_S = 3

@@ -61,7 +61,6 @@ def add_model_file(
     Copies the file to the first folder in DEPTHCLI_MODELS, else to depthcli/models in the user's
     data folder, after running the model once.
     """
-    from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.paths import is_remote, path_of
     from depthcli.jobs.models import add_model, published_model
     from depthcli.models.card import check_command, preprocessing_check, verification_text
@@ -70,7 +69,7 @@ def add_model_file(
     if published and screen.shows_text:
         size = size_text(published.weights) or "of unknown size"
         console.note(one_line(f"{published.url}, {size}, licence {published.card.license}"))
-    with show_progress(screen) as progress:
+    with screen.show_progress() as progress:
         source = published or path_of(file)
         model = add_model(source, card, name=name, force=force, sha256=sha256, progress=progress)
     name, folder, check = model.card.name, model.path.parent, preprocessing_check(model.card)

@@ -176,7 +176,6 @@ def video(
     from depthcli.cli import parse
     from depthcli.cli.process import graceful_shutdown
     from depthcli.cli.screen import console
-    from depthcli.cli.screen.progress import show_progress
     from depthcli.io.storage.paths import safe_name
     from depthcli.jobs.image import FailedInput
     from depthcli.jobs.outputs import STDIO
@@ -238,7 +237,7 @@ def video(
             nullcontext()
             if stream is None
             else graceful_shutdown(_GRACE_PERIOD_S, stream.stop.set),
-            show_progress(screen) as progress,
+            screen.show_progress() as progress,
         ):
             result = job.video(request, progress)
     except (InputError, OutputError) as error:

@@ -52,8 +52,6 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
 
     With ``--quiet``, only errors are printed.
     """
-    from depthcli.cli.screen.progress import show_progress
-
     quiet, as_json, resumes, tally = screen.quiet, screen.as_json, True, batch.tally
 
     def show(result: BatchResult) -> None:
@@ -65,7 +63,7 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
 
     screen.warn_all(batch.warnings)
     try:
-        with show_progress(screen) as progress, closing(batch):
+        with screen.show_progress() as progress, closing(batch):
             stage = progress.begin("", tally.total, "inputs")
             for result in batch:
                 show(result)
@@ -251,12 +249,10 @@ def print_conversions(
     They are those of the files of a folder, which has a plan, or of the frames of a video. Returns
     how many inputs failed.
     """
-    from depthcli.cli.screen.progress import show_progress
-
     failures, warned = list[FailedInput](), list[str]()  # the first warning of each frame
     converted, lost, max_error, in_metres = 0, 0, -1.0, " m"
     _warn_of_loops(plan.loops if plan and not screen.quiet else ())
-    with show_progress(screen) as progress, closing(results):
+    with screen.show_progress() as progress, closing(results):
         stage = progress.begin("", len(plan.inputs) if plan else None, unit)
         for result in results:
             stage.file = result.name if isinstance(result, FailedInput) else result.source

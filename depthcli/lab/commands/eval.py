@@ -356,7 +356,6 @@ def _request(
 
 
 def _run(request: "EvalRequest", table: TableOptions) -> int:
-    from depthcli.cli.screen.progress import show_progress
     from depthcli.lab.jobs.evaluate import run_evaluation
     from depthcli.lab.metrics.depth import METRICS, OPTIONAL, add_metric
     from depthcli.lab.training.plugins import imported
@@ -367,7 +366,7 @@ def _run(request: "EvalRequest", table: TableOptions) -> int:
         else:
             add_metric(name.rpartition(":")[2], imported(name))
     screen, files = table.report.screen, table.report.files(table.figures)
-    with show_progress(screen) as progress:
+    with screen.show_progress() as progress:
         warn = console.warn if not screen.quiet else lambda _text: None
         done = run_evaluation(request, progress, warn)
     table.report.show(done, files)

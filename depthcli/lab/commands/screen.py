@@ -7,11 +7,11 @@ import json
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from datetime import timedelta
 from pathlib import Path
 
 from depthcli.cli.options import ScreenOptions
 from depthcli.cli.screen import console
-from depthcli.cli.screen.progress import Stage, show_progress, time_text
 from depthcli.errors import Message
 from depthcli.lab.jobs.train import TrainResult
 from depthcli.lab.metrics.depth import finite_or_none
@@ -65,7 +65,7 @@ class EpochCallback(Callback):
     def __init__(self, stack: ExitStack, screen: ScreenOptions, run: str | None = None) -> None:
         self._stack, self._screen, self._run = stack, screen, run
         self._steps, self._losses = 0, dict[str, float]()
-        self._stage: Stage | None = None
+        self._stage: console.Stage | None = None
         self._begun_s, self._timed, self._is_timed = time.monotonic(), 0, False
 
     def on_train_start(self, warnings: tuple[str, ...]) -> None:
@@ -78,7 +78,7 @@ class EpochCallback(Callback):
         self._losses = losses
         self._say_duration(steps - state.step)
         if self._stage is None:
-            progress = self._stack.enter_context(show_progress(self._screen))
+            progress = self._stack.enter_context(self._screen.show_progress())
             self._steps, self._stage = steps, progress.begin("training", steps, "steps")
             self._stage.skip(state.step)
         else:
@@ -91,7 +91,7 @@ class EpochCallback(Callback):
         if self._is_timed or passed_s < _TIMED_S or not left:
             return
         self._is_timed, left_s = True, left * passed_s / self._timed
-        text = f"the {left} steps to go take about {time_text(left_s)} here"
+        text = f"the {left} steps to go take about {timedelta(seconds=round(left_s))} here"
         if left_s > _LONG_S:
             advice = "use a GPU, or {preset} reduced, which takes about an hour on two CPU cores"
             console.warn(Message(text, advice))

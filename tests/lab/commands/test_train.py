@@ -174,9 +174,9 @@ def test_the_line_of_an_epoch_has_rate_and_time_to_go(
             text.on_epoch_end(TrainState(step=step, epoch=step))
     assert capsys.readouterr().err.splitlines() == [
         "epoch 1  step 1/4  l1 0.5000",
-        "the 2 steps to go take about 0:40 here",
-        "training: 2/4  0.03 steps/s  1:20 to go",
-        "epoch 2  step 2/4  l1 0.5000  0.01 steps/s  2:40 to go",
+        "the 2 steps to go take about 0:00:40 here",
+        "training: 2/4  0.03 steps/s  0:01:20 to go",
+        "epoch 2  step 2/4  l1 0.5000  0.01 steps/s  0:02:40 to go",
     ]
 
 
@@ -192,5 +192,5 @@ def test_a_run_of_months_is_a_warning_that_names_a_shorter_one(
         clock_s[0] += 59
         text.on_step_end(TrainState(step=1), 173_201, {"l1": 0.5})
     (line,) = capsys.readouterr().err.splitlines()
-    assert "the 173200 steps to go take about 118 d 6 h here" in line
+    assert "the 173200 steps to go take about 118 days, 6:33:20 here" in line
     assert "--preset reduced" in line
