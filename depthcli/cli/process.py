@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import NoReturn
 
-from depthcli.core.progress import Interrupt, run_exit_hooks
+from depthcli.core.parallel import Interrupt, run_exit_hooks
 from depthcli.errors import SIGNAL_BASE
 from depthcli.io.storage.temporary import remove_own
 

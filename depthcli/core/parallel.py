@@ -1,4 +1,4 @@
-"""Work on a stream of items with several threads, in order and in bounded memory."""
+"""Long-running work: threads in order and in bounded memory, progress, signals."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ import os
 import signal
 import threading
 from collections import deque
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
     from concurrent.futures import Future
+    from types import FrameType
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -80,7 +81,7 @@ class Background(Generic[_Result]):
         self._result: list[_Result] = []
         self._error: BaseException | None = None
         # A daemon, so that Ctrl-C need not wait for a model that loads for seconds.
-        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread = Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def result(self) -> _Result:
@@ -136,3 +137,88 @@ def one_thread_each(workers: int) -> Iterator[None]:
         yield
     finally:
         cv2.setNumThreads(threads)
+
+
+class Progress(Protocol):
+    """Receives the progress of work that has one or more stages."""
+
+    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[float], None]:
+        """Begin a stage, which may have no name if it is the only one, of a number of units.
+
+        What is returned is called with the number of units done since the last call.
+        """
+        del what, total, unit
+        return lambda _count: None
+
+
+class _NoProgress(Progress):
+    """Ignores progress."""
+
+
+NO_PROGRESS: Progress = _NoProgress()
+
+
+class Interrupt:
+    """Records the first signal while it is entered; a second one has its usual effect.
+
+    ``number`` is the signal that was received, or None; always None outside the main thread.
+    """
+
+    def __init__(self, *signals: signal.Signals) -> None:
+        self.number: int | None = None
+        self._signals = signals
+        self._handlers: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            for number in self._signals:
+                self._handlers[number] = signal.signal(number, self._handle)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._handlers.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        self._handlers = {}
+
+    def _handle(self, number: int, _frame: FrameType | None) -> None:
+        if self.number is None:
+            self.number = number
+            return
+        self.__exit__()
+        signal.raise_signal(signal.Signals(number))
+
+
+@contextmanager
+def without_interrupts() -> Iterator[None]:
+    """Block Ctrl-C for processes that the block starts, whose imports would end in tracebacks."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    from multiprocessing.resource_tracker import ensure_running  # noqa: PLC0415 - for batches
+
+    ensure_running()  # to start it unblocks the signal
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+_actions: list[Callable[[], object]] = []
+
+
+@contextmanager
+def exit_hook(action: Callable[[], object]) -> Iterator[None]:
+    """Call a function, from any thread or signal handler, if the process exits in the block."""
+    _actions.append(action)
+    try:
+        yield
+    finally:
+        _actions.remove(action)
+
+
+def run_exit_hooks() -> None:
+    """Call all hooks, the last one first; their exceptions are ignored."""
+    for action in reversed(_actions):
+        with suppress(Exception):
+            action()

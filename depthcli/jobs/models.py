@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
-from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.parallel import NO_PROGRESS, Progress
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import DepthcliError, InputError, ModelError, OutputError, UsageError
 from depthcli.inference.pipeline import try_other_size, try_session

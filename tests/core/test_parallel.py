@@ -15,8 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.core import parallel as cores
-from depthcli.core.parallel import one_thread_each, ordered_map
-from depthcli.core.progress import Interrupt, exit_hook, run_exit_hooks
+from depthcli.core.parallel import Interrupt, one_thread_each, ordered_map
 
 
 @given(st.lists(st.integers()), st.integers(0, 3), st.integers(1, 5))
@@ -147,10 +146,10 @@ def test_other_threads_cannot_and_need_not_listen() -> None:
 
 def test_the_last_action_is_taken_first_and_none_stops_another() -> None:
     done: list[str] = []
-    with exit_hook(lambda: done.append("first")):
-        with exit_hook(lambda: 1 / 0), exit_hook(lambda: done.append("last")):
-            run_exit_hooks()
+    with cores.exit_hook(lambda: done.append("first")):
+        with cores.exit_hook(lambda: 1 / 0), cores.exit_hook(lambda: done.append("last")):
+            cores.run_exit_hooks()
         assert done == ["last", "first"]
-        run_exit_hooks()
-    run_exit_hooks()
+        cores.run_exit_hooks()
+    cores.run_exit_hooks()
     assert done == ["last", "first", "first"]

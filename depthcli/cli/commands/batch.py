@@ -23,7 +23,7 @@ from depthcli.io.storage.paths import RemotePath, path_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from depthcli.core.progress import Progress
+    from depthcli.core.parallel import Progress
     from depthcli.jobs.batch.plan import BatchPlan
     from depthcli.jobs.batch.ray import RayEngine
 

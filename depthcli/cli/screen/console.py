@@ -16,7 +16,7 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 from depthcli.core.options import one_line
-from depthcli.core.progress import exit_hook
+from depthcli.core.parallel import exit_hook
 from depthcli.errors import Message, OutputError, about, os_errors_as
 
 if TYPE_CHECKING:
@@ -212,7 +212,7 @@ class Stage:
 
 
 class ProgressDisplay(NamedTuple):
-    """A :class:`depthcli.core.progress.Progress` on standard error."""
+    """A :class:`depthcli.core.parallel.Progress` on standard error."""
 
     bars: Progress | None  #: on a terminal
     silent: bool  #: whether nothing is shown

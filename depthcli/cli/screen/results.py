@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable
 
     from depthcli.cli.options import ScreenOptions
-    from depthcli.core.progress import Interrupt
+    from depthcli.core.parallel import Interrupt
     from depthcli.jobs.batch.plan import BatchPlan
     from depthcli.jobs.batch.run import Batch, DryRunResult
     from depthcli.jobs.batch.tasks import BatchResult
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class StopOnSignal:
-    """A :class:`depthcli.core.progress.Progress` that ends the work after a signal."""
+    """A :class:`depthcli.core.parallel.Progress` that ends the work after a signal."""
 
     interrupt: Interrupt  #: records the signal
 

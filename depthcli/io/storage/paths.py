@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO, Literal
 from urllib.parse import unquote, urlsplit
 
-from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.parallel import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, InputError, UsageError, os_errors_as
 from depthcli.io.storage import objects
 from depthcli.io.storage.objects import RemotePath

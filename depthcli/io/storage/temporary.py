@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from depthcli.core.progress import exit_hook
+from depthcli.core.parallel import exit_hook
 from depthcli.errors import OutputError, os_errors_as
 
 NO_ROOM = "cannot write a temporary file", "set TMPDIR"  #: problem and advice

@@ -16,8 +16,15 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import TYPE_CHECKING, Protocol, Self
 
-from depthcli.core.parallel import Background, one_thread_each, ordered_map, start_worker
-from depthcli.core.progress import NO_PROGRESS, Progress, without_interrupts
+from depthcli.core.parallel import (
+    NO_PROGRESS,
+    Background,
+    Progress,
+    one_thread_each,
+    ordered_map,
+    start_worker,
+    without_interrupts,
+)
 from depthcli.errors import EngineError
 from depthcli.inference.session import Session
 from depthcli.jobs.batch.tasks import BatchResult, BatchTask

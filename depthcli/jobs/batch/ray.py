@@ -26,7 +26,7 @@ import cv2
 
 from depthcli._version import __version__
 from depthcli.core.options import INSTALL_RAY, one_line
-from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.parallel import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
 from depthcli.io.manifest import CacheKey
 from depthcli.io.storage.paths import RemotePath

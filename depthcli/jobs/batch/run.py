@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from depthcli.core.options import GPU_BATCH
-from depthcli.core.parallel import share_cores
-from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.parallel import NO_PROGRESS, Progress, share_cores
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.session import CPU, Session

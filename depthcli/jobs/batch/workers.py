@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 from depthcli._version import __version__
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import MILLIMETRES
-from depthcli.core.parallel import ordered_map
-from depthcli.core.progress import Progress
+from depthcli.core.parallel import Progress, ordered_map
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, ModelError, about, os_errors_as
 from depthcli.inference.loading import SessionLoader

@@ -6,8 +6,7 @@ import hashlib
 from contextlib import ExitStack
 from dataclasses import replace
 
-from depthcli.core.parallel import share_cores
-from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.parallel import NO_PROGRESS, Progress, share_cores
 from depthcli.io.storage.paths import RemotePath, local_copy
 from depthcli.jobs.video.plan import VideoRequest, VideoResult, plan_video
 from depthcli.video.numbering import is_sequence

@@ -16,8 +16,7 @@ import numpy as np
 
 from depthcli.core import temporal, types
 from depthcli.core.arrays import Float32Array
-from depthcli.core.parallel import one_thread_each, ordered_map
-from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.parallel import NO_PROGRESS, Progress, one_thread_each, ordered_map
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, Message, about
 from depthcli.inference.pipeline import Pipeline

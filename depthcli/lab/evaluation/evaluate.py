@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from depthcli.core.arrays import Float64Array
-from depthcli.core.parallel import one_thread_each, ordered_map
-from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.parallel import NO_PROGRESS, Progress, one_thread_each, ordered_map
 from depthcli.errors import DatasetError, UsageError
 from depthcli.lab.datasets.base import DepthDataset
 from depthcli.lab.evaluation import predictors as sources

@@ -14,8 +14,7 @@ import numpy as np
 
 from depthcli.core.camera import Intrinsics, hfov_deg
 from depthcli.core.options import DEFAULT_UPSAMPLING, DepthEncoding, DepthFit, UpsamplingOptions
-from depthcli.core.parallel import ordered_map
-from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.parallel import NO_PROGRESS, Progress, ordered_map
 from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import DatasetError
 from depthcli.inference.loading import SessionLoader

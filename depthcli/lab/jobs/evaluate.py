@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Self
 
 from depthcli.core.options import MILLIMETRES, DepthFit, UpsamplingOptions
-from depthcli.core.progress import NO_PROGRESS, Progress
+from depthcli.core.parallel import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.storage.atomic import atomic_path, is_special, write_text

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from depthcli.core.progress import Interrupt
+from depthcli.core.parallel import Interrupt
 from depthcli.lab.datasets.folders import open_paired_folder
 from depthcli.lab.datasets.training_data import open_training_data
 from depthcli.lab.options import Tracker

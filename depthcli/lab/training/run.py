@@ -16,8 +16,7 @@ from lightning_fabric.utilities.exceptions import MisconfigurationException
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from depthcli.core.parallel import usable_cores
-from depthcli.core.progress import Interrupt
+from depthcli.core.parallel import Interrupt, usable_cores
 from depthcli.errors import CheckpointError, TrainingError, UsageError
 from depthcli.lab.datasets.training_data import TrainingData
 from depthcli.lab.training import callbacks, checkpoint, provenance
