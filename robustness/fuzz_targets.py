@@ -53,9 +53,8 @@ from depthcli.lab.training.callbacks import truncate_log
 from depthcli.lab.training.checkpoint import Checkpoint, TrainState
 from depthcli.lab.training.config import TrainConfig
 from depthcli.lab.training.settings import apply_overrides
-from depthcli.models import onnx_file
 from depthcli.models.card import ModelCard
-from depthcli.models.catalog import find_model
+from depthcli.models.catalog import find_model, read_facts
 from depthcli.video.decoder import has_valid_slices
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.source import VideoSource
@@ -273,7 +272,7 @@ def _models() -> list[bytes]:
 
 
 def _read_onnx(path: Path) -> None:
-    onnx_file.read_facts(path.read_bytes(), "a.onnx")
+    read_facts(path.read_bytes(), "a.onnx")
 
 
 def _run_model(path: Path) -> None:

@@ -20,8 +20,14 @@ from depthcli.io.storage import atomic, paths
 from depthcli.io.storage.temporary import open_locked
 from depthcli.models import catalog
 from depthcli.models.card import METADATA_KEY, DataFile, ModelCard, WeightsSpec, fit_to_graph
-from depthcli.models.catalog import Model, ModelLocation, files_of_card, find_model, location_at
-from depthcli.models.onnx_file import OnnxFacts
+from depthcli.models.catalog import (
+    Model,
+    ModelLocation,
+    OnnxFacts,
+    files_of_card,
+    find_model,
+    location_at,
+)
 
 _NAME = re.compile(r"(?!.*\.onnx$)[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _ADDED_FILE = re.compile(r"model-[0-9a-f]{12}\.onnx")

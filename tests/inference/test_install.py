@@ -14,8 +14,7 @@ from onnx import external_data_helper
 from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
 from depthcli.io.storage.atomic import workspace
 from depthcli.jobs.models import add_model, remove_model, verify_models
-from depthcli.models.catalog import find_model
-from depthcli.models.onnx_file import read_facts
+from depthcli.models.catalog import find_model, read_facts
 
 
 @pytest.fixture
