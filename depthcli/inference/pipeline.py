@@ -241,7 +241,7 @@ class Pipeline:
         return np.where(corrected_m > 0, corrected_m, np.float32(np.nan))
 
     def _panorama(self, frame: Frame, camera: Intrinsics) -> Prediction:
-        from depthcli.inference.panorama import HFOV_DEG, panorama_distance  # noqa: PLC0415 - rare
+        from depthcli.inference.tiles import HFOV_DEG, panorama_distance  # noqa: PLC0415 - rare
 
         if camera.has_focal or camera.centre_px:
             problem = "an equirectangular image has no focal length and no principal point"
@@ -337,10 +337,10 @@ def _of_points(spec: OutputSpec, raw: RawOutputs, camera: Intrinsics, frame: Fra
         has_depth = ~transforms.lacks_depth(spec.mask, raw.mask)
     focal_px = None if camera.source is CameraSource.CARD else camera.focal_px
     view_deg = None if focal_px is None else hfov_deg(focal_px, frame.width)
-    estimate = depth_of_points(raw.maps, has_depth, view_deg)
+    depth, fitted_deg = depth_of_points(raw.maps, has_depth, view_deg)
     scale = 1 if raw.scale is None else raw.scale
-    hfov = np.asarray(estimate.hfov_deg, np.float32)
-    return raw._replace(maps=np.asarray(estimate.depth * scale, np.float32), hfov_deg=hfov)
+    hfov = np.asarray(fitted_deg, np.float32)
+    return raw._replace(maps=np.asarray(depth * scale, np.float32), hfov_deg=hfov)
 
 
 def _range_warnings(spec: OutputSpec, depth: DepthMap, scale: float) -> tuple[str, ...]:

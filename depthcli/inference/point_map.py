@@ -6,7 +6,6 @@ arXiv:2410.19115, and ``recover_focal_shift`` of https://github.com/microsoft/Mo
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,19 +18,14 @@ _DAMPING = 1e-3
 _SETTLED = 1e-9
 
 
-class PointFit(NamedTuple):
-    """The camera of a point map."""
-
-    depth: Float32Array  #: (h, w), z and the shift
-    hfov_deg: float  #: horizontal field of view in degrees
-
-
 def depth_of_points(
     points: Float32Array, has_depth: BoolArray | None = None, hfov_deg: float | None = None
-) -> PointFit:
+) -> tuple[Float32Array, float]:
     """Depth of a point map (h, w, 3) of square pixels, whose x is to the right and y is down.
 
-    Points are fitted where ``has_depth`` (h, w), None for everywhere; None fits the field of view.
+    Returns:
+        z and the shift, (h, w), and the horizontal field of view in degrees, fitted if it is None.
+        Points are fitted where ``has_depth`` (h, w), None for everywhere.
     """
     height, width = points.shape[:2]
     diagonal = math.hypot(width, height)
@@ -48,7 +42,7 @@ def depth_of_points(
         shift = _best_shift(directions, grid, fixed)
         focal = _focal(directions, grid, shift, fixed)
     view_rad = 2 * math.atan2(width / diagonal, focal)
-    return PointFit(points[..., 2] + np.float32(shift), math.degrees(view_rad))
+    return points[..., 2] + np.float32(shift), math.degrees(view_rad)
 
 
 def _focal(rays: Float64Array, grid: Float64Array, shift: float, fixed: float | None) -> float:

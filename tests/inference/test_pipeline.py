@@ -327,15 +327,15 @@ def points(width: int, height: int, hfov_deg: float) -> np.ndarray:
 @pytest.mark.parametrize("hfov_deg", [30, 60, 100])
 def test_shift_and_view_are_those_of_the_camera(size: tuple[int, int], hfov_deg: float) -> None:
     given = points(*size, hfov_deg)
-    found = depth_of_points(given)
-    np.testing.assert_allclose(found.depth, given[..., 2] + SHIFT, rtol=1e-3)
-    assert found.hfov_deg == pytest.approx(hfov_deg, rel=1e-3)
+    depth, fitted_deg = depth_of_points(given)
+    np.testing.assert_allclose(depth, given[..., 2] + SHIFT, rtol=1e-3)
+    assert fitted_deg == pytest.approx(hfov_deg, rel=1e-3)
 
 
 def test_a_known_view_is_kept() -> None:
-    found = depth_of_points(points(80, 60, 60), hfov_deg=60)
-    assert found.hfov_deg == pytest.approx(60)
-    assert np.median(found.depth - points(80, 60, 60)[..., 2]) == pytest.approx(SHIFT, rel=1e-3)
+    depth, view_deg = depth_of_points(points(80, 60, 60), hfov_deg=60)
+    assert view_deg == pytest.approx(60)
+    assert np.median(depth - points(80, 60, 60)[..., 2]) == pytest.approx(SHIFT, rel=1e-3)
 
 
 def test_points_without_depth_do_not_count() -> None:
@@ -344,9 +344,9 @@ def test_points_without_depth_do_not_count() -> None:
     bad[:20] = 50
     has_depth = np.ones((60, 80), bool)
     has_depth[:20] = False
-    assert depth_of_points(bad, has_depth).hfov_deg == pytest.approx(60, rel=1e-3)
+    assert depth_of_points(bad, has_depth)[1] == pytest.approx(60, rel=1e-3)
 
 
 def test_nothing_with_depth_is_no_error() -> None:
-    found = depth_of_points(points(8, 6, 60), np.zeros((6, 8), bool))
-    assert np.isfinite(found.hfov_deg)
+    _, view_deg = depth_of_points(points(8, 6, 60), np.zeros((6, 8), bool))
+    assert np.isfinite(view_deg)

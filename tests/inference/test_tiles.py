@@ -16,9 +16,8 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.options import AUTO_TILE, Projection, Upsampling, UpsamplingOptions
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance, Transform, panorama_rays
 from depthcli.errors import InputError
-from depthcli.inference.panorama import HFOV_DEG, panorama_distance
 from depthcli.inference.pipeline import Pipeline, tile_width_px
-from depthcli.inference.tiles import TileGrid, _pixels_of, refine
+from depthcli.inference.tiles import HFOV_DEG, TileGrid, _pixels_of, panorama_distance, refine
 from depthcli.inference.transforms import coarse_depth, full_size, prepare
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
