@@ -1,19 +1,20 @@
-"""``depthcli batch``: the command and its options."""
+"""``depthcli batch`` and ``manifest``: the commands and their options."""
 
 from __future__ import annotations
 
 import sys
 from contextlib import closing, nullcontext
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import chain
 from threading import Event
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from depthcli.cli import options as groups
 from depthcli.cli.groups import Given, group
-from depthcli.core.options import GPU_BATCH, SceneLayout
+from depthcli.cli.screen import console
+from depthcli.core.options import GPU_BATCH, SceneLayout, one_line
 from depthcli.core.parallel import share_cores
 from depthcli.errors import ExitCode, UsageError, os_errors_as
 from depthcli.io.formats.table import Format
@@ -123,11 +124,6 @@ class EngineOptions:
         callback=groups.not_negative,
     )
 
-    @property
-    def is_ray(self) -> bool:
-        """Whether a cluster processes the inputs."""
-        return self.engine == "ray"
-
 
 @group
 class CamerasOptions(groups.CameraOptions):
@@ -167,7 +163,6 @@ def batch(
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
     from depthcli.cli import parse
-    from depthcli.cli.screen import console
 
     how = parse.map_options(camera, anchors, read, detail, writing, is_folder=True)
     chosen = _scene_formats(output, how) or output.formats or (Format.PNG16,)
@@ -175,12 +170,13 @@ def batch(
     changed = _changes(folder, output.out, inputs, camera.cameras)
     plan = _plan(folder, output.out, inputs, camera.cameras)
     threads = model.runtime.threads or max(1, int(engine.cpus_per_worker or 1))
-    if not engine.is_ray:
+    is_ray = engine.engine == "ray"
+    if not is_ray:
         _, threads = share_cores(engine.workers, model.runtime.threads)
     loader = parse.session_loader(model.model, model.runtime, threads)
     # The driver of a cluster need not have the workers' GPUs.
     here = replace(loader, provider="cpu", provider_options={})
-    loading = (here if engine.is_ray else loader).start()
+    loading = (here if is_ray else loader).start()
     # Imported while the model loads.
     from depthcli.cli.process import graceful_shutdown
     from depthcli.cli.screen import results
@@ -195,7 +191,7 @@ def batch(
         transforms=path_of(output.transforms) if output.transforms else None,
         **how,
     )
-    on_gpu = engine.is_ray and engine.gpus_per_worker  # this machine need not have it
+    on_gpu = is_ray and engine.gpus_per_worker  # this machine need not have it
     request = BatchRequest(
         plan=plan,
         options=options,
@@ -221,7 +217,7 @@ def batch(
 
     with graceful_shutdown(_GRACE_PERIOD_S, on_signal) as interrupt:
         stop = results.StopOnSignal(interrupt)
-        with closing(_cluster(engine, stop)) if engine.is_ray else nullcontext() as cluster:
+        with closing(_cluster(engine, stop)) if is_ray else nullcontext() as cluster:
             for each in chain([plan], changed(stopped)):
                 job = Batch(replace(request, plan=each), session, cluster, progress=stop)
                 results.run_batch(job, each, stop, screen)
@@ -290,7 +286,6 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
     from depthcli.io.listing import path_list
     from depthcli.io.manifest import WHOLE, Shard
     from depthcli.io.media import is_archive
-    from depthcli.io.storage.paths import path_of
     from depthcli.jobs.batch.plan import plan_files, plan_folder
 
     files, column = inputs.files, inputs.column
@@ -316,3 +311,53 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
         stdin = sys.stdin.buffer.read() if files == _STDIO else b""
     words = path_list.parse_list(stdin) if files == _STDIO else path_list.read_list(files, column)
     return plan_files(words, files, folder, out, names_filter, shard, cameras)
+
+
+_Manifest = Annotated[
+    str, typer.Argument(metavar="OUT", help="Output folder of a batch, or a manifest in it.")
+]
+
+
+def show_summary(out: _Manifest, as_json: groups.JsonOption = False) -> int:
+    """Count inputs, failures and outputs, of all shards together."""
+    from depthcli.jobs.batch.manifests import damage, read_rows, summarize
+
+    sums = summarize(read_rows(path_of(out)))
+    if problem := damage(path_of(out)):
+        console.warn(problem)
+    lines = [f"{sums.inputs} inputs: {sums.inputs - sums.failed} ok, {sums.failed} failed"]
+    lines.append(f"{sums.outputs} outputs, {sums.output_bytes / 1e6:.1f} MB")
+    lines.append(f"{sums.seconds:.1f} s of processing time")
+    for model in sums.models:
+        by = "{inputs} by model {model} ({model_sha256:.12}), depthcli {version}"
+        lines.append(by.format_map(model))
+    console.show(asdict(sums), *lines, as_json=as_json)
+    return ExitCode.OK
+
+
+def list_failed(out: _Manifest, as_json: groups.JsonOption = False) -> int:
+    """List the inputs that failed, each with the reason."""
+    from depthcli.io.manifest import FAILED
+    from depthcli.jobs.batch.manifests import read_rows
+
+    for row in read_rows(path_of(out)):
+        if row.status == FAILED and as_json:
+            console.out_json(row.as_json())
+        elif row.status == FAILED:
+            console.out(f"{one_line(row.input)}\t{one_line(row.error or '')}")
+    return ExitCode.OK
+
+
+def merge_parts(
+    out: str = typer.Argument(..., metavar="OUT", help="Output folder of a batch."),
+    as_json: groups.JsonOption = False,
+) -> int:
+    """Merge the manifests of all shards into one, and remove them."""
+    from depthcli.jobs.batch.manifests import merge_manifests
+
+    path = str(merge_manifests(path_of(out)))
+    console.show({"manifest": path}, f"manifest: {path}", as_json=as_json)
+    return ExitCode.OK
+
+
+MANIFEST = {"summary": show_summary, "failed": list_failed, "merge": merge_parts}
