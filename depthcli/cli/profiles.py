@@ -37,8 +37,6 @@ def read_profiles(path: Path) -> dict[str, dict[str, Any]]:
         return {}
     except (OSError, ValueError, RecursionError) as error:
         raise UsageError(f"{path} is not TOML: {error}") from error
-    if not all(isinstance(table, dict) for table in tables.values()):
-        raise UsageError(f"{path} has options outside of a table", "begin it with [NAME]")
     return tables
 
 

@@ -119,8 +119,6 @@ class UpsamplingOptions:
         upsampling = chosen(Upsampling, self.upsampling, "upsampling")
         object.__setattr__(self, "upsampling", upsampling)
         object.__setattr__(self, "mask", chosen(DepthMask, self.mask, "mask"))
-        if self.tile_px is not None and self.tile_px < 0:
-            raise UsageError(f"tile_px has to be 0 or more, not {self.tile_px}; give a width")
 
 
 DEFAULT_UPSAMPLING = UpsamplingOptions()  #: guided upsampling, no tiles

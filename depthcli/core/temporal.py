@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.arrays import BoolArray, Float32Array
+from depthcli.core.arrays import Float32Array
 from depthcli.core.imageops import luma, resize_area, resize_bilinear
 from depthcli.core.types import DepthKind, DepthMap
 
@@ -48,11 +48,6 @@ class Change:
         """
         largest = cv2.dilate(self.difference, np.ones((3, 3), np.uint8))
         return np.asarray(1 - np.clip(largest / np.float32(_MOVING_DIFFERENCE), 0, 1))
-
-    @property
-    def is_static(self) -> BoolArray:
-        """(h, w): where brightness changes by less than 2 %."""
-        return self.difference < _STATIC_DIFFERENCE
 
 
 class ChangeDetector:
@@ -312,7 +307,7 @@ class FlickerMeter:
         finite, unit = values[np.isfinite(values)], np.float32(1)
         if self._kind is not DepthKind.METRIC and finite.size:
             unit = np.float32(finite.max() - finite.min() or 1)
-        changed = np.abs(values - before)[change.is_static] / unit
+        changed = np.abs(values - before)[change.difference < _STATIC_DIFFERENCE] / unit
         changed = changed[np.isfinite(changed)]
         self._sum += float(changed.sum(dtype=np.float64))
         self._count += changed.size

@@ -134,7 +134,6 @@ class RawOutputs(NamedTuple):
 
 
 _FATAL_ONLY = 4
-_MAX_THREADS = 1024
 _SOURCE_LOCATION = r"^\S+\.(cc|cpp|h):\d+ .*?\) (?=\S)"
 
 
@@ -291,9 +290,7 @@ def _start(
     options = ort.SessionOptions()
     options.log_severity_level = _FATAL_ONLY
     if threads is not None:
-        if not isinstance(threads, (int, np.integer)) or not 0 < threads <= _MAX_THREADS:
-            raise UsageError(f"threads has to be a whole number from 1 to {_MAX_THREADS}")
-        options.intra_op_num_threads = int(threads)
+        options.intra_op_num_threads = threads
     if threads is None or threads > usable_cores():
         # Threads that spin between operators take time from loading, decoding and encoding on the
         # other cores: without spinning, the first image is faster and the next ones are as fast.

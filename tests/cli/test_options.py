@@ -232,7 +232,7 @@ def test_repeatable_option_takes_one_value(inside: Cli, folder: Path) -> None:
         (b"[robot]\nout = 'x.png'\n", "no option named 'out'"),
         (b"[robot\n", "depthcli.toml is not TOML"),
         (b"\xff\xfe", "depthcli.toml"),
-        (b"hfov = 80\n", "outside of a table"),
+        (b"hfov = 80\n", "no profile named 'robot'; there are: hfov"),
         (b"[other]\nhfov = 80\n", "no profile named 'robot'; there are: other"),
         (b"", "no profile named 'robot'; there are: none"),
     ],

@@ -189,8 +189,9 @@ def test_tiles_have_no_less_detail_than_the_network(
     """16 × 12 pixels of the network, of which a pixel of the image has four at most."""
     spec, frame = camera(UpsamplingOptions()).card.input, Frame(np.zeros((300, 400), np.uint8))
     assert tile_width_px(spec, frame, UpsamplingOptions(tile_px=8)) == 8  # (192 / 4 · 4 / 3)^½
-    with pytest.raises(InputError):
-        tile_width_px(spec, frame, UpsamplingOptions(tile_px=7))
+    for tile_px in (7, -1):
+        with pytest.raises(InputError):
+            tile_width_px(spec, frame, UpsamplingOptions(tile_px=tile_px))
 
 
 @pytest.mark.parametrize("upsampling", list(Upsampling))

@@ -211,15 +211,11 @@ def query_parameters() -> list[dict[str, Any]]:
 
 def _words(query: Sequence[tuple[str, str]]) -> Iterator[str]:
     parameters = _parameters()
-    seen = set[str]()
     for name, value in query:
         parameter = parameters.get(name.replace("-", "_"))
         if parameter is None:
             names = ", ".join(sorted(parameters))
             raise UsageError(f"no option named {name!r}: there are {names}")
-        if parameter.name in seen and not parameter.multiple:
-            raise UsageError(f"{name} is given twice")
-        seen.add(parameter.name)
         option = parameter.opts[-1]
         if not getattr(parameter, "is_flag", False):
             yield f"{option}={value}"
