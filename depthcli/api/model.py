@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
-from typing import NoReturn, TypeAlias
+from typing import TypeAlias
 
 from depthcli.api.depth_map import Anchors, DepthMap, known_depth_of, warn_all
 from depthcli.core.camera import Intrinsics
@@ -31,34 +30,29 @@ from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
 from depthcli.known.points import KnownDepth
 from depthcli.models.card import ModelCard
 
-_Task: TypeAlias = tuple[ImageLike, KnownDepth | None]
-_Reader: TypeAlias = tuple[Callable[[], Frame], KnownDepth | None]
+_Task: TypeAlias = tuple[ImageLike | Exception, KnownDepth | None]
 
 
-def _readers(tasks: Iterable[_Task], white_level: int | None) -> Iterator[_Reader]:
-    """A function that reads each image, with the image's points.
+def _own(
+    tasks: Iterable[tuple[ImageLike, KnownDepth | None]], white_level: int | None
+) -> Iterator[_Task]:
+    """Each image with its points; the last may be an error of the iterator in place of an image.
 
-    Files are read when that is called. Pixels in memory are copied here, since the caller may
-    overwrite a buffer, or close a PIL image, before they are processed. If the iterator of images
-    raises an error, the last function raises it.
+    Pixels in memory are copied, since the caller may overwrite a buffer, or close a PIL image,
+    before they are processed. Files are not read.
     """
     try:
         for image, points in tasks:
             if isinstance(image, (bytearray, memoryview)):
-                yield partial(frame_of, bytes(image), white_level), points
+                yield bytes(image), points
             elif isinstance(image, (str, bytes, os.PathLike)):
-                yield partial(frame_of, image, white_level), points
+                yield image, points
             else:
                 frame = frame_of(image, white_level)
-                if frame is image:
-                    frame = replace(frame, pixels=frame.pixels.copy())
-                yield partial(frame_of, frame), points
+                is_own = frame is not image
+                yield frame if is_own else replace(frame, pixels=frame.pixels.copy()), points
     except Exception as error:  # noqa: BLE001 - raised at its position
-        yield partial(_fail, error), None
-
-
-def _fail(error: Exception) -> NoReturn:
-    raise error
+        yield error, None
 
 
 _Displayed: TypeAlias = tuple[DepthMap, tuple[str, ...]]
@@ -213,11 +207,15 @@ class DepthModel:
                 None if a is None else known_depth_of(a, anchors_fit) for a in anchors_each
             )
 
-        def predicted(batch: list[_Reader]) -> list[_Displayed | Exception]:
+        def predicted(batch: list[_Task]) -> list[_Displayed | Exception]:
             tasks, problem = list[ImageTask](), list[Exception]()
-            for read, of_image in batch:
+            for image, of_image in batch:
+                if isinstance(image, Exception):
+                    problem.append(image)
+                    break
                 try:
-                    tasks.append(ImageTask(read(), camera, of_image))
+                    frame = image if isinstance(image, Frame) else frame_of(image, white_level)
+                    tasks.append(ImageTask(frame, camera, of_image))
                 except Exception as error:  # noqa: BLE001 - raised at its position
                     problem.append(error)
                     break
@@ -228,8 +226,8 @@ class DepthModel:
             )
             return [*maps, *problem]
 
-        readers = _readers(zip(images, points_each, strict=anchors_each is not None), white_level)
-        batches = iter(lambda: list(itertools.islice(readers, batch_size)), [])
+        each = _own(zip(images, points_each, strict=anchors_each is not None), white_level)
+        batches = iter(lambda: list(itertools.islice(each, batch_size)), [])
         return _maps(ordered_map(predicted, batches, workers=workers))
 
 

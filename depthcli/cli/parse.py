@@ -67,11 +67,6 @@ def writer_options(options: groups.WritingOptions) -> WriterOptions:
         for field in fields(group)
     }
     _refuse_alternatives(values)
-    colormap, near = options.preview.colormap, options.preview.near
-    is_of_gray = near is not choices.Near.WARM
-    if near and colormap and is_of_gray != (colormap is choices.Colormap.GRAY):
-        advice = "white and black are for gray, warm is for the other colormaps"
-        raise UsageError(f"{near} does not fit {colormap}", advice, option="near")
     low, high = options.range.vmin, options.range.vmax
     if low is not None and high is not None and low >= high:
         raise UsageError(f"{low:g} is not below {high:g}", "give {vmin} below {vmax}")

@@ -116,6 +116,7 @@ def test_range_of_a_normalized_video_has_an_effect(inside: Cli) -> None:
         (None, Near.WARM, ("inferno", "warm")),
         (None, Near.WHITE, ("gray", "white")),
         (Colormap.GRAY, Near.BLACK, ("gray", "black")),
+        (Colormap.INFERNO, Near.BLACK, ("inferno", "black")),
     ],
 )
 def test_near_white_and_black_select_gray(
