@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -200,7 +201,7 @@ class Pipeline:
             from depthcli.inference.tiles import refine  # noqa: PLC0415 - few images need it
 
             columns = coarse.shape[1]
-            coarse = refine(spec, coarse, frame, tile_px, self._coarse)
+            coarse = refine(spec, coarse, frame, tile_px, partial(_coarse, self.session))
             radius = math.ceil(coarse.shape[1] / columns)
         coarse, followed = transforms.follow_points(self.card, coarse, frame, points)
         if coarse is unrefined and self.detail.upsampling is options.Upsampling.MODEL:
@@ -215,8 +216,7 @@ class Pipeline:
         if self.detail.mask is DepthMask.MODEL and spec.mask and raw.mask is not None:
             values[transforms.without_depth(spec.mask, raw.mask, layout, frame)] = np.nan
         source = self._provenance(frame, (layout.width, layout.height), camera)
-        error = self._error(frame) if self.detail.error else None
-        depth = DepthMap(values, self.card.output.kind, source, error)
+        depth = DepthMap(values, self.card.output.kind, source, self._error(frame))
         warnings = _range_warnings(spec, depth, scale)
         if self.detail.tile_px and tile_px is None:
             wide = f"the image is {frame.width} pixels wide"
@@ -225,12 +225,12 @@ class Pipeline:
 
     def _error(self, frame: Frame) -> Float32Array | None:
         """The relative error that the depth of an image is expected to have, (H, W) float32."""
-        if self.session.load_error is None:
+        if not self.detail.error or self.session.load_error is None:
             return None
         session = self.session.load_error()
-        spec, (batch, layout) = session.model.card.output, prepare(session.model.card.input, frame)
-        coarse = transforms.coarse_depth(spec, session.run(batch)[0], layout)
-        return transforms.full_size(spec, coarse, frame, options.Upsampling.BILINEAR)
+        coarse = _coarse(session, frame)
+        bilinear = options.Upsampling.BILINEAR
+        return transforms.full_size(session.model.card.output, coarse, frame, bilinear)
 
     def _calibrated(self, depth_m: Float32Array, scale: CameraScale) -> Float32Array:
         """Metres corrected as it was measured for a camera; NaN where none are left."""
@@ -260,10 +260,6 @@ class Pipeline:
         values = panorama_distance(frame, predict)
         source = self._provenance(frame, size_px, UNKNOWN_CAMERA)
         return Prediction(DepthMap(values, self.card.output.kind, source), ())
-
-    def _coarse(self, frame: Frame) -> Float32Array:
-        batch, layout = prepare(self.card.input, frame)
-        return transforms.coarse_depth(self.card.output, self.session.run(batch)[0], layout)
 
     def _camera_matrix(
         self, frame: Frame, layout: Layout, camera: Intrinsics
@@ -319,6 +315,12 @@ class Pipeline:
             projection=frame.projection,
             camera_scale=camera.scale,
         )
+
+
+def _coarse(session: Session, frame: Frame) -> Float32Array:
+    """Depth of an image at the network's size, (h, w), without a camera or known depth."""
+    batch, layout = prepare(session.model.card.input, frame)
+    return transforms.coarse_depth(session.model.card.output, session.run(batch)[0], layout)
 
 
 def _is_for_network(known_depth: KnownDepth | None) -> bool:
@@ -418,10 +420,11 @@ def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> i
 _GRAY, _HFOV_DEG = 128, 60.0  # of a trial
 
 
-def try_session(session: Session) -> None:
-    """Run a loaded model on a gray image of its own size."""
+def try_session(session: Session, width: int | None = None) -> None:
+    """Run a loaded model on a gray image of its own size, or of another width."""
     spec = session.model.card.input
-    _predict_gray(session, spec.height, spec.width)
+    gray = np.full((spec.height, width or spec.width, 3), _GRAY, np.uint8)
+    depth_for_trial(Pipeline(session), Frame(gray))
 
 
 def try_other_size(session: Session) -> None:
@@ -434,7 +437,7 @@ def try_other_size(session: Session) -> None:
     if not spec.dynamic:
         return
     try:
-        _predict_gray(session, spec.height, spec.width * 3 // 2)
+        try_session(session, spec.width * 3 // 2)
     except ModelError as error:
         size = f"{spec.width} x {spec.height}"
         raise ModelError(
@@ -450,10 +453,6 @@ def check_network(error: Exception, session: Session) -> None:
             try_session(session)
         except ModelError:
             raise error from None
-
-
-def _predict_gray(session: Session, height: int, width: int) -> None:
-    depth_for_trial(Pipeline(session), Frame(np.full((height, width, 3), _GRAY, np.uint8)))
 
 
 def depth_for_trial(pipeline: Pipeline, frame: Frame) -> DepthMap:
