@@ -13,7 +13,7 @@ arXiv:1505.00996. The gain and the clamping to the local range are our own.
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any, NamedTuple, Self
+from typing import Any
 
 import cv2
 import numpy as np
@@ -268,10 +268,16 @@ def upsample_guided(
         return resize_bilinear(depth, frame.width, frame.height)
     small = shrink_bands(frame.pixels, brightness, width, height)
     sharpens = in_log and min(depth.shape) >= _LEAST_SIDE_PX
-    fitted = GuidedMap.fit(np.log(depth) if in_log else depth, small, radius, sharpens=sharpens)
+    coarse = np.log(depth) if in_log else depth
+    coefficients = guided_coefficients(coarse, small, radius, sharpens=sharpens)
     values = np.empty((frame.height, frame.width), np.float32)
     for rows in row_bands(frame.width, frame.height):
-        band = fitted.rows(brightness(frame.pixels[rows]), rows, frame.height)
+        slope, offset, low, high = (
+            resize_rows(part, frame.width, frame.height, rows) for part in coefficients
+        )
+        band = cv2.multiply(slope, brightness(frame.pixels[rows]), dst=slope)
+        band = cv2.add(band, offset, dst=band)
+        band = np.asarray(cv2.min(cv2.max(band, low, dst=band), high, dst=band))
         values[rows] = np.exp(band, out=band) if in_log else band
     return values
 
@@ -284,55 +290,36 @@ def sample_bilinear(values: Float32Array, row: Float64Array, column: Float64Arra
     return np.asarray(samples.ravel(), np.float64)
 
 
-class GuidedMap(NamedTuple):
-    """Coefficients of a guided filter at a coarse size, to be applied at any larger size."""
+def guided_coefficients(
+    coarse: Float32Array, guide: Float32Array, radius: int = 1, *, sharpens: bool = False
+) -> tuple[Float32Array, Float32Array, Float32Array, Float32Array]:
+    """Fit ``coarse``, finite, to the image's brightness at its size; (h, w) float32 both.
 
-    #: (h, w) float32, change of the map with the image's brightness
-    slope: Float32Array
-    offset: Float32Array  #: (h, w) float32, the map where brightness is 0
-    low: Float32Array  #: (h, w) float32, least value of the map near each pixel
-    high: Float32Array  #: (h, w) float32, largest value of the map near each pixel
+    ``sharpens`` makes edges of log depth steeper, within a range of twice the radius, and leaves
+    out the texture of planes.
 
-    @classmethod
-    def fit(
-        cls, coarse: Float32Array, guide: Float32Array, radius: int = 1, *, sharpens: bool = False
-    ) -> Self:
-        """Fit ``coarse``, finite, to the image's brightness at its size; (h, w) float32 both.
-
-        ``sharpens`` makes edges of log depth steeper, within a range of twice the radius, and
-        leaves out the texture of planes.
-        """
-        mean: Any = partial(cv2.blur, ksize=(2 * radius + 1,) * 2, borderType=cv2.BORDER_REPLICATE)
-        mean_guide, mean_coarse = mean(guide), mean(coarse)
-        # Differences of large numbers lose float32's digits, so the mean is subtracted first.
-        centred = np.asarray(coarse - coarse.mean(), np.float32)
-        covariance = mean(guide * centred) - mean_guide * mean(centred)
-        variance = mean(guide * guide) - mean_guide * mean_guide
-        slope = np.asarray(_GAIN * covariance / (variance.clip(0) + _SMOOTHING), np.float32)
-        if sharpens:
-            _, bend = _range_within(np.abs(coarse - mean_coarse), 2 * radius)
-            slope = slope * ((bend / np.float32(_LEAST_BEND) - 1) / 2).clip(0, 1)
-        offset = np.asarray(mean_coarse - slope * mean_guide, np.float32)
-        slope, offset = mean(slope), mean(offset)
-        low, high = _range_within(coarse, 2 * radius if sharpens else radius)
-        if sharpens:
-            gain = _steepening(low, high, radius)
-            slope, offset = slope * gain, offset * gain + (low + high) / 2 * (1 - gain)
-        return cls(slope, offset, low, high)
-
-    def rows(self, guide: Float32Array, rows: slice, height: int) -> Float32Array:
-        """Some rows of the map at the image's size, clamped to the coarse map's local range.
-
-        ``guide`` is (n, W) float32 in [0, 1], the brightness of these rows; so is the result.
-        """
-        width = guide.shape[1]
-        slope, offset, low, high = (
-            resize_rows(part, width, height, rows)
-            for part in (self.slope, self.offset, self.low, self.high)
-        )
-        values = cv2.multiply(slope, guide, dst=slope)
-        values = cv2.add(values, offset, dst=values)
-        return np.asarray(cv2.min(cv2.max(values, low, dst=values), high, dst=values))
+    Returns:
+        (h, w) float32 each, to be applied at any larger size: the change of the map with the
+        image's brightness, the map where brightness is 0, and the least and the largest value of
+        the map near each pixel, to which it is clamped.
+    """
+    mean: Any = partial(cv2.blur, ksize=(2 * radius + 1,) * 2, borderType=cv2.BORDER_REPLICATE)
+    mean_guide, mean_coarse = mean(guide), mean(coarse)
+    # Differences of large numbers lose float32's digits, so the mean is subtracted first.
+    centred = np.asarray(coarse - coarse.mean(), np.float32)
+    covariance = mean(guide * centred) - mean_guide * mean(centred)
+    variance = mean(guide * guide) - mean_guide * mean_guide
+    slope = np.asarray(_GAIN * covariance / (variance.clip(0) + _SMOOTHING), np.float32)
+    if sharpens:
+        _, bend = _range_within(np.abs(coarse - mean_coarse), 2 * radius)
+        slope = slope * ((bend / np.float32(_LEAST_BEND) - 1) / 2).clip(0, 1)
+    offset = np.asarray(mean_coarse - slope * mean_guide, np.float32)
+    slope, offset = mean(slope), mean(offset)
+    low, high = _range_within(coarse, 2 * radius if sharpens else radius)
+    if sharpens:
+        gain = _steepening(low, high, radius)
+        slope, offset = slope * gain, offset * gain + (low + high) / 2 * (1 - gain)
+    return slope, offset, low, high
 
 
 def _range_within(values: Float32Array, radius: int) -> tuple[Float32Array, Float32Array]:
