@@ -41,7 +41,7 @@ from depthcli.io.guard import is_own_image
 from depthcli.io.images.png import encode_png
 from depthcli.io.images.read import read_image
 from depthcli.io.images.tiff import parse_exif
-from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list
+from depthcli.io.listing import column_texts, listed_inputs, parse_list
 from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.io.tables import read_lenses
 from depthcli.jobs.video.resume import finished_frames

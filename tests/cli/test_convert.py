@@ -20,7 +20,7 @@ from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer, SidecarWriter
 from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import Format
-from depthcli.io.listing.folder import NameFilter
+from depthcli.io.listing import NameFilter
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, convert_folder, plan_folder
 
 DEPTH = DepthMap(np.full((6, 8), 2, np.float32), provenance=Provenance("m", "0" * 64, (4, 3), 16.0))

@@ -18,7 +18,7 @@ from helpers.stores import KEYS, Bucket, Faults, remote
 
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.guard import Guard
-from depthcli.io.listing.folder import InputFile, Skipped, list_folder
+from depthcli.io.listing import InputFile, Skipped, list_folder
 from depthcli.io.manifest import OK, CacheKey, Journal, ManifestRow, OutputFile, known_rows
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path

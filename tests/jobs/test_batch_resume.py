@@ -16,7 +16,7 @@ from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.table import Format
-from depthcli.io.listing.folder import NameFilter
+from depthcli.io.listing import NameFilter
 from depthcli.io.manifest import (
     FAILED,
     OK,

@@ -25,7 +25,7 @@ class OutputRule(Protocol):
         """Check that outputs may be written to paths; OutputError if not."""
 
 
-def identity_of(path: Path) -> FileIdentity:
+def identity_of(path: str | Path) -> FileIdentity:
     """Identity of a file, whatever its names and the links that lead to it."""
     if isinstance(path, RemotePath):
         return str(path)

@@ -17,7 +17,7 @@ from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io import manifest
 from depthcli.io.formats.table import Format
 from depthcli.io.guard import Guard
-from depthcli.io.listing.folder import InputFile, RealPaths
+from depthcli.io.listing import InputFile, RealPaths
 from depthcli.io.manifest import Rows
 from depthcli.io.media import is_archive, is_video
 from depthcli.io.storage.atomic import is_same_file
