@@ -20,8 +20,8 @@ from depthcli.errors import DepthcliError, InputError, Message, UsageError
 from depthcli.io import listing as folders
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats import table
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import percentiles
+from depthcli.io.formats.table import WriterOptions
 from depthcli.io.guard import Guard, is_own_image
 from depthcli.io.images.read import read_image
 from depthcli.io.listing import InputFile, NameFilter, Skipped

@@ -12,7 +12,7 @@ import numpy as np
 
 from depthcli.core.types import DepthKind, DepthMap, Frame, Window, Windows
 from depthcli.errors import InputError
-from depthcli.io.marks import LABEL_PREFIX
+from depthcli.io.media import LABEL_PREFIX
 from depthcli.io.stored import metadata
 from depthcli.io.stored.depth import StoredDepth
 from depthcli.video import frames

@@ -21,9 +21,16 @@ from depthcli.errors import InputError, OutputError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.png16 import Png16Writer, SidecarWriter
-from depthcli.io.formats.table import FORMATS, Format, format_of, stem_of, writer_class, writer_of
+from depthcli.io.formats.table import (
+    FORMATS,
+    Format,
+    WriterOptions,
+    format_of,
+    stem_of,
+    writer_class,
+    writer_of,
+)
 from depthcli.io.guard import is_own
 from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.io.stored.metadata import DepthScale

@@ -21,8 +21,7 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.options import GPU_BATCH
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.manifest import FAILED, OK, CacheKey
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, dry_run

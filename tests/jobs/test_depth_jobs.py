@@ -20,9 +20,8 @@ from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr.file import read_exr_rate
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.npy import NpyWriter
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.png16 import Png16Writer
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, RoundTrip, convert, convert_video
 from depthcli.jobs.inspect import depth_at, inspect_file, read_map

@@ -27,7 +27,6 @@ from depthcli.io.images.read import decode, reader_errors
 from depthcli.io.images.tiff import parse_exif
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.stored.depth import AS_STATED, DepthReadOptions, StoredDepth
-from depthcli.io.stored.sidecar import FileMetadata
 
 _IMAGES = (".jpg", ".jpeg", ".heic", ".heif", ".hif")  # that phones store depth in
 
@@ -88,7 +87,8 @@ def read_embedded_depth(path: Path, options: DepthReadOptions) -> StoredDepth | 
     values, texts, warnings = image
     if texts.pop("measure", "") == "OpticRay" and options.kind is None:
         options = replace(options, kind=DepthEncoding.DISTANCE)
-    return StoredDepth.of(path, values, FileMetadata(texts, warnings), options)
+    stored = StoredDepth.of(path, values, texts, options, has_sidecar=False)
+    return replace(stored, warnings=(*warnings, *stored.warnings))
 
 
 def _auxiliary(data: bytes, name: str) -> Found | None:

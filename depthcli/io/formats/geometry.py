@@ -17,9 +17,9 @@ from depthcli.core.options import one_line
 from depthcli.core.surface import Surface, surface_of
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import Message, OutputError
-from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import WriterOptions
 from depthcli.io.images.png import encode_png
-from depthcli.io.marks import KEY_PREFIX
+from depthcli.io.media import KEY_PREFIX
 from depthcli.io.stored.metadata import SOFTWARE, metadata_texts, own_texts
 
 _NYU = focal_px_of_hfov(63.3, 640), (640, 480)  # assumed if the map states no focal length

@@ -14,7 +14,7 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, Message
 from depthcli.io.images.read import OPENCV_MAX_PIXELS
 from depthcli.io.storage.paths import read_bytes
-from depthcli.io.stored.depth import METRIC, DepthReadOptions, StoredDepth, stored_depth
+from depthcli.io.stored.depth import METRIC, DepthReadOptions, StoredDepth
 from depthcli.io.stored.metadata import ERROR, metadata_texts
 
 _DIMENSIONS, _RGB = 2, 3
@@ -75,7 +75,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     is_bare = options.scale is None and options.unstated_scale is None
     if is_bare and options.kind not in {None, *METRIC}:
         values = np.asarray(values, np.float32)  # 0 is a value if there is no unit
-    result = stored_depth(path, values, texts, options)
+    result = StoredDepth.of(path, values, texts, options)
     if result.is_integer and result.scale and result.scale.source == "assumed":
         advice = "state its units per metre, 1000 for millimetres"
         raise InputError(f"{path} holds {values.dtype}, not float metres", advice)

@@ -14,7 +14,7 @@ from depthcli.errors import InputError, Message
 from depthcli.io.images import tiff
 from depthcli.io.images.read import OPENCV_MAX_PIXELS, check
 from depthcli.io.storage.paths import read_bytes
-from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, stored_depth
+from depthcli.io.stored.depth import DepthReadOptions, StoredDepth
 
 _PFM = re.compile(rb"Pf\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]+)(?:\r\n|\s)")
 COLMAP_MAP = re.compile(rb"(\d{1,9})&(\d{1,9})&\d{1,9}&")
@@ -59,7 +59,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         np.putmask(values, values == no_data, 0 if values.dtype.kind in "iu" else math.nan)
     if values.ndim != 2 or values.dtype == np.uint8:  # noqa: PLR2004
         raise InputError(f"{path} is an image, not gray of 16 bits or more, so it holds no depth")
-    result = stored_depth(path, values, {}, options)
+    result = StoredDepth.of(path, values, {}, options)
     if several:  # pages of a TIFF
         result = replace(result, warnings=(*result.warnings, f"{path} {several}"))
     if suffix != ".bin" or result.scale is None or result.scale.source != "assumed":

@@ -43,8 +43,7 @@ from depthcli.io.images.pixels import (
 )
 from depthcli.io.images.png import SIGNATURE
 from depthcli.io.images.tiff import EXIF_IFD, TIFF_STARTS, Exif, parse_exif, profile_warning
-from depthcli.io.marks import SOFTWARE_KEY
-from depthcli.io.media import CAMERA_RAW, EXR_MAGIC, is_video
+from depthcli.io.media import CAMERA_RAW, EXR_MAGIC, SOFTWARE_KEY, is_video
 from depthcli.io.storage.paths import path_of, read_bytes
 
 OPENCV_MAX_PIXELS = 2**30

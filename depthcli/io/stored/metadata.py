@@ -15,7 +15,7 @@ from depthcli.core.imageops import row_bands
 from depthcli.core.options import MILLIMETRES, DepthFit, Projection
 from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthMap, Provenance, has_depth
 from depthcli.errors import Message, UsageError
-from depthcli.io.marks import KEY_PREFIX
+from depthcli.io.media import KEY_PREFIX
 
 SOFTWARE = f"depthcli {__version__}"
 _Value: TypeAlias = str | float | tuple[float, float]
