@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 from xml.etree import ElementTree as ET
 
-from depthcli.core.camera import FOCAL_PX, CameraScale, Distortion, Intrinsics, hfov_deg
+from depthcli.core.camera import CENTRE_PX, FOCAL_PX, CameraScale, Distortion, Intrinsics, hfov_deg
 from depthcli.core.options import Rule
 from depthcli.core.validation import parsed_json, validated
 from depthcli.errors import InputError, OutputError, UsageError
@@ -98,9 +98,7 @@ def _checked(camera: _Camera, path: Path, *, rectified: bool) -> Intrinsics:
     fx, fy, cx, cy = camera.matrix
     width, height = camera.size_px or (math.nan, math.nan)
     is_size = all(1 <= side <= _MAX_PX and side == int(side) for side in camera.size_px or ())
-    # A crop can have it outside, but hardly by more than its own size.
-    is_near = -width <= cx <= 2 * width and -height <= cy <= 2 * height
-    is_near |= camera.size_px is None and 0 < cx < _MAX_PX and 0 < cy < _MAX_PX
+    is_near = CENTRE_PX.holds(cx) and CENTRE_PX.holds(cy)
     if not (is_size and is_near and FOCAL_PX.holds(fx) and FOCAL_PX.holds(fy)):
         raise InputError(
             f"{path} is for {width:g}×{height:g} pixels with fx {fx:g}, fy {fy:g}, cx {cx:g}, "

@@ -3,7 +3,6 @@
 A list has one path a line, as ``find`` and ``git ls-files`` print them, or is a table.
 """
 
-import csv
 import os
 import re
 from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
@@ -23,6 +22,7 @@ from depthcli.io.storage import paths
 from depthcli.io.storage.atomic import FileIdentity, identity_of
 from depthcli.io.storage.objects import NO_PATH
 from depthcli.io.storage.paths import RemotePath
+from depthcli.io.tables import CsvTable
 
 HIDDEN = "hidden"
 SYSTEM_FOLDERS = frozenset(
@@ -282,8 +282,8 @@ _DELIMITERS = {".csv": ",", ".tsv": "\t"}
 def read_list(source: str, column: str | None = None) -> Iterator[str]:
     """The paths of a text, or of a table: ``.parquet`` (a file, or a folder of them), CSV or TSV.
 
-    They are in the table's column, or in its only one, or in that called ``path``, read a part at a
-    time. UsageError if they cannot be read.
+    They are in the table's column, or in its only one, or in that called ``path``; Parquet is read
+    a part at a time. UsageError if they cannot be read.
     """
     where = paths.path_of(source)
     suffix = where.suffix.lower()
@@ -295,29 +295,24 @@ def read_list(source: str, column: str | None = None) -> Iterator[str]:
             if suffix == ".parquet":
                 yield from column_texts(path, column)
             elif suffix in _DELIMITERS:
-                yield from _csv_texts(path, column, _DELIMITERS[suffix])
+                yield from _csv_texts(path, column)
             elif column is not None:
                 raise UsageError(f"{where} is no list in Parquet or CSV", "leave out {column}")
             else:
                 yield from parse_list(path.read_bytes())
-    except InputError as error:  # of a copy
+    except InputError as error:  # of a copy, or of CSV
         raise UsageError(f"the list {error}") from error
 
 
-def _csv_texts(path: Path, column: str | None, delimiter: str) -> Iterator[str]:
-    with path.open(newline="", encoding="utf-8-sig", errors="surrogateescape") as file:
-        rows = csv.reader(file, delimiter=delimiter)
-        try:
-            header = next(rows, [])
-            # Without a first line of names, a list of one column begins with an image.
-            name = os.path.basename(header[0]) if len(header) == 1 else ""  # noqa: PTH119 - any bytes
-            is_list = column is None and (is_media(name) or is_exr(name))
-            place = 0 if is_list else header.index(_select_column(header, column, path))
-            for row in chain((header,) if is_list else (), rows):
-                if len(row) > place and row[place]:
-                    yield row[place]
-        except csv.Error as error:
-            raise UsageError(f"{path}, line {rows.line_num}: {error}") from error
+def _csv_texts(path: Path, column: str | None) -> Iterator[str]:
+    table = CsvTable(path.read_bytes(), str(path), _DELIMITERS[path.suffix.lower()])
+    # Without a first line of names, a list of one column begins with an image.
+    first = table.columns[0] if len(table.columns) == 1 else ""
+    name = os.path.basename(first)  # noqa: PTH119 - names with any byte pass here
+    if is_list := column is None and (is_media(name) or is_exr(name)):
+        yield first
+    place = first if is_list else _select_column(table.columns, column, path)
+    yield from filter(None, (row.cells[place] for row in table))
 
 
 def parse_list(data: bytes) -> list[str]:

@@ -44,9 +44,10 @@ class CsvTable:
         columns: names of its columns, without spaces around them; none if it is empty.
     """
 
-    def __init__(self, data: bytes, name: str) -> None:
+    def __init__(self, data: bytes, name: str, delimiter: str = ",") -> None:
         text = StringIO(data.decode("utf-8-sig", "surrogateescape"), newline="")
-        self.name, self._lines = name, csv.reader(text, strict=True, skipinitialspace=True)
+        self._lines = csv.reader(text, delimiter=delimiter, strict=True, skipinitialspace=True)
+        self.name = name
         self.columns = [word.strip() for word in next(self._cells(), [])]
 
     def __iter__(self) -> Iterator[CsvRow]:

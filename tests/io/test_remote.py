@@ -390,9 +390,9 @@ def test_variable_sets_the_number_of_retries(
         monkeypatch.setenv("DEPTHCLI_RETRIES", word)
     if count is None:
         with pytest.raises(UsageError):
-            objects._retries()
+            objects.retries()
     else:
-        assert objects._retries() == count
+        assert objects.retries() == count
 
 
 JOURNAL = ".depthcli-batch.jsonl"

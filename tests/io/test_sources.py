@@ -243,6 +243,7 @@ def test_a_folder_of_parquet_files_is_read_in_the_order_of_names(tmp_path: Path)
         (lambda f: csv(f / "l.parquet", "PAR1"), None),
         (lambda f: csv(f / "l.csv", ""), None),
         (lambda f: csv(f / "l.csv", "a,b\n1,2\n"), "c"),
+        (lambda f: csv(f / "l.csv", "path,depth\na.png,2,35\n"), None),
         (lambda f: csv(f / "l.csv", f"a\nb.png\n{'c' * 200_000}\nd.png\n"), None),
         (lambda f: csv(f / "l.txt", "a.png\n"), "c"),
         (lambda f: f / "missing.parquet", None),

@@ -190,12 +190,12 @@ class WriterOptions(
     """Options of all formats; the table of formats states which of them each writer uses."""
 
     def __post_init__(self) -> None:
-        if self.vmin != self.vmin or self.vmax != self.vmax:
-            raise UsageError("vmin and vmax have to be numbers, not nan")
+        for each in fields(self):
+            rule, value = each.metadata["rule"], getattr(self, each.name)
+            if rule and value is not None and not rule.holds(value):
+                raise UsageError(f"{value} is not {rule.what}", option=each.name)
         if self.vmin is not None and self.vmax is not None and self.vmin > self.vmax:
             raise UsageError(f"vmin {self.vmin:g} is above vmax {self.vmax:g}; swap them")
-        if self.stride is not None and not _STRIDE.holds(self.stride):
-            raise UsageError(f"a stride of {self.stride} is not {_STRIDE.what}", option="stride")
 
 
 def names_of(*groups: type) -> tuple[str, ...]:
