@@ -1,4 +1,4 @@
-"""Camera calibrations of other programs, and cameras whose scale was measured, kept by name."""
+"""Cameras: calibrations of other programs, a table of one row an image, and those kept by name."""
 
 import json
 import math
@@ -11,10 +11,20 @@ from pathlib import Path
 from typing import Annotated, Any
 from xml.etree import ElementTree as ET
 
-from depthcli.core.camera import CENTRE_PX, FOCAL_PX, CameraScale, Distortion, Intrinsics, hfov_deg
-from depthcli.core.options import Rule
+from depthcli.core.camera import (
+    CENTRE_PX,
+    FOCAL_PX,
+    HFOV_DEG,
+    UNKNOWN_CAMERA,
+    CameraScale,
+    Distortion,
+    Intrinsics,
+    hfov_deg,
+)
+from depthcli.core.options import Rule, short_repr
 from depthcli.core.validation import parsed_json, validated
-from depthcli.errors import InputError, OutputError, UsageError
+from depthcli.errors import InputError, OutputError, UsageError, os_errors_as
+from depthcli.io.listing import CsvTable
 from depthcli.io.storage.atomic import write_text
 from depthcli.io.storage.paths import config_folder, path_of, read_bytes, read_regular
 
@@ -329,6 +339,45 @@ def numbers_in(value: Any) -> list[float]:  # noqa: ANN401 - of any file
         return [float(value)]
     except (TypeError, ValueError, OverflowError):
         return [math.nan]
+
+
+ID = "id"
+_FOCAL = frozenset({"focal_px", "hfov_deg"})
+_RULES = {"focal_px": FOCAL_PX, "hfov_deg": HFOV_DEG, "cx": CENTRE_PX, "cy": CENTRE_PX}
+_MAX_TABLE_BYTES = 256 * 2**20
+
+
+def read_lenses(path: Path) -> dict[str, Intrinsics]:
+    """The camera of each id.
+
+    The first line names the columns: ``id``, and ``focal_px`` (pixels of the image), ``hfov_deg``
+    (horizontal field of view in degrees) or both. In a row with both, ``focal_px`` counts. ``cx``
+    and ``cy``, the principal point in pixels of the image, are optional. A row without any of
+    these is left out. Other columns are ignored.
+    """
+    with os_errors_as(InputError, f"{path} cannot be read"):
+        data = read_regular(path, _MAX_TABLE_BYTES)
+    table = CsvTable(data, str(path))
+    if ID not in table.columns or _FOCAL.isdisjoint(table.columns):
+        raise InputError(f"{path} has no columns id,focal_px or id,hfov_deg in its first line")
+    lenses: dict[str, Intrinsics] = {}
+    for row in table:
+        focal_px, hfov_deg, cx, cy = (
+            row.number(column, rule) if row.cells.get(column) else None
+            for column, rule in _RULES.items()
+        )
+        if (cx is None) != (cy is None):
+            raise row.error("give cx and cy, or neither")
+        centre_px = None if cx is None or cy is None else (cx, cy)
+        lens = Intrinsics(focal_px, None if focal_px is not None else hfov_deg, centre_px)
+        if lens == UNKNOWN_CAMERA:
+            continue
+        name = row.cells[ID].removeprefix("./")
+        if not name:
+            raise row.error("the id is missing")
+        if lenses.setdefault(name, lens) != lens:
+            raise row.error(f"another row of {short_repr(name)} has another camera")
+    return lenses
 
 
 _KEPT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")

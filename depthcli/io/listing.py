@@ -1,20 +1,24 @@
 """The images and videos below a folder, patterns for their names, and lists of inputs.
 
-A list has one path a line, as ``find`` and ``git ls-files`` print them, or is a table.
+A list has one path a line, as ``find`` and ``git ls-files`` print them, or is a table. Errors of
+tables name line and column.
 """
 
+import csv
+import math
 import os
 import re
 from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
+from io import StringIO
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-from depthcli.core.options import INSTALL_PYARROW, one_line
+from depthcli.core.options import INSTALL_PYARROW, Rule, one_line, short_repr
 from depthcli.errors import InputError, UsageError, os_errors_as
 from depthcli.io.guard import is_own_output
 from depthcli.io.media import CAMERA_RAW, EXTRAS, is_exr, is_media, lower_suffix
@@ -22,7 +26,6 @@ from depthcli.io.storage import paths
 from depthcli.io.storage.atomic import FileIdentity, identity_of
 from depthcli.io.storage.objects import NO_PATH
 from depthcli.io.storage.paths import RemotePath
-from depthcli.io.tables import CsvTable
 
 HIDDEN = "hidden"
 SYSTEM_FOLDERS = frozenset(
@@ -419,3 +422,59 @@ def column_texts(path: Path, column: str | None) -> Iterator[str]:
             name = _select_column(file.schema_arrow.names, column, part)
             for batch in file.iter_batches(columns=[name]):
                 yield from filter(None, batch.column(0).cast("string").to_pylist())
+
+
+class CsvRow(NamedTuple):
+    """A row of a table."""
+
+    name: str  #: the table, for messages
+    line: int  #: its last line, from 1
+    cells: Mapping[str, str]  #: by column; "" where the row is too short
+
+    def number(self, column: str, rule: Rule) -> float:
+        """The number in a cell; NaN if it is empty."""
+        word = self.cells[column]
+        try:
+            number = float(word or math.nan)
+        except ValueError:
+            number = None
+        if number is None or not rule.holds(number):
+            raise self.error(f"{column} is {rule.what}, not {short_repr(word)}")
+        return number
+
+    def error(self, problem: str) -> InputError:
+        """The error to raise for a problem of this row."""
+        return InputError(f"{self.name}, line {self.line}: {problem}")
+
+
+class CsvTable:
+    """A table in UTF-8; other bytes become surrogates, as in the names of files.
+
+    Attributes:
+        name: its own, for messages.
+        columns: names of its columns, without spaces around them; none if it is empty.
+    """
+
+    def __init__(self, data: bytes, name: str, delimiter: str = ",") -> None:
+        text = StringIO(data.decode("utf-8-sig", "surrogateescape"), newline="")
+        self._lines = csv.reader(text, delimiter=delimiter, strict=True, skipinitialspace=True)
+        self.name = name
+        self.columns = [word.strip() for word in next(self._cells(), [])]
+
+    def __iter__(self) -> Iterator[CsvRow]:
+        """The rows after the first line that are not empty, once."""
+        empty = dict.fromkeys(self.columns, "")
+        for cells in filter(None, self._cells()):
+            if len(cells) > len(self.columns):
+                raise self._error(f"{len(cells)} values for {len(self.columns)} columns")
+            named = dict(zip(self.columns, map(str.strip, cells), strict=False))
+            yield CsvRow(self.name, self._lines.line_num, empty | named)
+
+    def _cells(self) -> Iterator[list[str]]:
+        try:
+            yield from self._lines
+        except csv.Error as error:
+            raise self._error(str(error)) from error
+
+    def _error(self, problem: str) -> InputError:
+        return InputError(f"{self.name}, line {self._lines.line_num}: {problem}")

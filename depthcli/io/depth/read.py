@@ -23,7 +23,7 @@ from depthcli.io.formats.table import READABLE_SUFFIXES, readable_format, reader
 from depthcli.io.images import heif
 from depthcli.io.images.jpeg import JPEG_START, exif_of_jpeg, segments
 from depthcli.io.images.pixels import upright
-from depthcli.io.images.read import decode, reader_errors
+from depthcli.io.images.read import check, reader_errors
 from depthcli.io.images.tiff import parse_exif
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.stored.depth import AS_STATED, DepthReadOptions, StoredDepth
@@ -124,7 +124,7 @@ def _of_jpeg(data: bytes, name: str) -> Found | None:
     try:
         near, far = float(facts["Near"]), float(facts["Far"])
         content = content or base64.b64decode(facts["Data"])
-        pixels = decode(content, f"{name}: its depth")
+        pixels = check(content, f"{name}: its depth").decode().pixels
     except (KeyError, ValueError, binascii.Error) as error:
         raise InputError(f"{name} has depth that is incomplete") from error
     gray: AnyArray = pixels if pixels.ndim == 2 else pixels[..., 0]  # noqa: PLR2004

@@ -15,7 +15,7 @@ from depthcli.core.types import DepthKind, DepthMap, DepthRange, Frame
 from depthcli.errors import InputError, OutputError
 from depthcli.io.formats.table import WriterOptions
 from depthcli.io.images.png import SIGNATURE, encode_png, read_text
-from depthcli.io.images.read import OPENCV_MAX_PIXELS, check, decode
+from depthcli.io.images.read import OPENCV_MAX_PIXELS, check
 from depthcli.io.media import KEY_PREFIX
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.stored import metadata as facts
@@ -156,7 +156,7 @@ def stretched(
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     """Depth of a 16-bit gray PNG or PGM of any program."""
     data = read_bytes(path)
-    steps = decode(data, str(path), max_pixels=OPENCV_MAX_PIXELS)
+    steps = check(data, str(path), OPENCV_MAX_PIXELS).decode().pixels
     if steps.dtype != np.uint16 or steps.ndim != _GRAY_RANK:
         raise InputError(
             f"{path} is not 16-bit gray, so it holds no depth; it may be a preview or an image"

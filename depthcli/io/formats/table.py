@@ -307,7 +307,7 @@ class Format(TableOfFormats):
 
     PNG16 = "png16", _steps("png16:Png16Writer", ".depth.png", ".png", _PNG_MARK)
     EXR = "exr", _exact("exr:ExrWriter", ".depth.exr", ".exr", EXR_MARK, _EXR, has_overscan=True)
-    NPY = "npy", FormatFacts("npy:NpyWriter", ".depth.npy", ".npy", is_readable=True, is_exact=True)
+    NPY = "npy", _floats(".depth.npy", ".npy")
     PREVIEW = "preview", _image("preview:PreviewWriter", ".preview.png", None, _PNG_MARK, _COLOURS)
     PLY = "ply", _scene("geometry:PlyWriter", ".ply", ".ply", _PLY_MARK, _PLY)
     GLB = "glb", _scene("geometry:GlbWriter", ".glb", ".glb", b'"generator":"depthcli ', _SURFACE)
@@ -320,7 +320,7 @@ class Format(TableOfFormats):
     PFM = "pfm", _floats(".depth.pfm", ".pfm")
     TIFF = "tiff", _floats(".depth.tiff", ".tiff")
     PGM = "pgm", _steps("png16:Png16Writer", ".depth.pgm", ".pgm", _PGM_MARK)
-    NPZ = "npz", _exact("npy:NpzWriter", ".depth.npz", ".npz", b"depthcli.npy")
+    NPZ = "npz", _exact("raster:NpzWriter", ".depth.npz", ".npz", b"depthcli.npy")
     COLMAP = "colmap", _floats(".depth.bin", ".bin")
     JSON = "json", _stated("png16:SidecarWriter", ".depth.json", ".json", _JSON_MARK, _PNG, _ENDS)
 

@@ -132,14 +132,6 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
     return CheckedImage(data, name, header, container)
 
 
-def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> AnyArray:
-    """Gray (H, W) or RGB (H, W, 3), of the file's own type, as stored, without alpha.
-
-    Only TIFF, HEIC and what OpenImageIO reads are turned upright.
-    """
-    return check(data, name, max_pixels).decode().pixels
-
-
 @contextmanager
 def reader_errors(name: str) -> Iterator[None]:
     """Raise errors of a container's reader as an InputError that names the file."""

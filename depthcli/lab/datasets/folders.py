@@ -19,6 +19,7 @@ from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import Frame
 from depthcli.errors import DatasetError, InputError, Message
+from depthcli.io.calibration import read_lenses
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.images import read
 from depthcli.io.images.pixels import turn_beside, upright
@@ -26,7 +27,6 @@ from depthcli.io.images.png import SIGNATURE
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.stored.depth import AS_STATED, DepthReadOptions, StoredDepth
 from depthcli.io.stored.metadata import LEAST, UINT16_MAX, number, step_unit
-from depthcli.io.tables import read_lenses
 from depthcli.lab.datasets import layouts
 from depthcli.lab.datasets.base import DepthDataset, Pair
 
