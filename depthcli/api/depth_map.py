@@ -17,8 +17,7 @@ from depthcli.core.options import Colormap, DepthFit, Near, chosen, short_repr
 from depthcli.core.surface import PointCloud, surface_of
 from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
-from depthcli.io.formats.html import HtmlWriter
-from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.preview import HtmlWriter, PreviewWriter
 from depthcli.io.formats.table import (
     FILE_SUFFIXES,
     Format,

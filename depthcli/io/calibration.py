@@ -166,10 +166,10 @@ def _camera_in(path: Path, *, rectified: bool) -> _Camera:
         return _of_colmap([line.split() for line in lines], path)
     rows = [numbers_in(re.sub(r"[\[\],;]", " ", line).split()) for line in lines]
     if [len(row) for row in rows] == [9]:  # as beside each image of KITTI
-        rows = _rows(rows[0], 3)
+        rows = [rows[0][start : start + 3] for start in (0, 3, 6)]
     is_matrix = len(rows) in {3, 4} and all(len(row) == len(rows) for row in rows)
     if is_matrix and all(math.isfinite(number) for row in rows for number in row):
-        return _Camera(_of_rows([row[:3] for row in rows[:3]], path))
+        return _Camera(_of_matrix(numbers_in(rows[:3]), len(rows), path))
     return _of_tree(dict(next(documents_in(text))), path, rectified=rectified)
 
 
@@ -179,7 +179,7 @@ def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera
     projections = (*(_PROJECTIONS if rectified else ()), "P2", "P_rect_02")  # KITTI is rectified
     projection = next((tree[name] for name in projections if name in tree), None)
     if projection is not None:
-        return _Camera(_of_rows(_rows(numbers_in(projection), 4), path), size_px)
+        return _Camera(_of_matrix(numbers_in(projection), 4, path), size_px)
     if rectified:
         advice = "give {focal_px} and {centre_px} of the rectified images"
         raise InputError(f"{path} has no projection_matrix", advice)
@@ -194,7 +194,7 @@ def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera
     if any(name in tree for name in _LISTS) and 4 <= len(matrix) != 9:  # noqa: PLR2004
         fx, fy, cx, cy, *more = matrix
         return _Camera((fx, fy, cx, cy), size_px, coefficients or tuple(more), model)
-    fx, fy, cx, cy = _of_rows(_rows(matrix, 3), path)
+    fx, fy, cx, cy = _of_matrix(matrix, 3, path)
     # ROS states the matrix for the whole sensor, also of images that are a part of it.
     roi = tree.get("roi") or {}
     x, y, *region = (_number(roi.get(name, 0)) for name in ("x_offset", "y_offset", *_SIZES[1]))
@@ -257,17 +257,13 @@ def _size_px(tree: Mapping[str, Any]) -> tuple[float, float] | None:
     return None
 
 
-def _of_rows(rows: list[list[float]], path: Path) -> tuple[float, float, float, float]:
-    """fx, fy, cx and cy of the rows of a matrix."""
-    if [len(row) for row in rows] not in ([3] * 3, [4] * 3) or rows[2][:3] != [0, 0, 1]:
+def _of_matrix(numbers: list[float], columns: int, path: Path) -> tuple[float, float, float, float]:
+    """fx, fy, cx and cy of a matrix of three rows."""
+    if len(numbers) != 3 * columns or numbers[2 * columns :][:3] != [0, 0, 1]:
         raise InputError(
             f"{path} has a matrix whose last row is not 0 0 1", "write 3×3 or 3×4 numbers by rows"
         )
-    return rows[0][0], rows[1][1], rows[0][2], rows[1][2]
-
-
-def _rows(numbers: list[float], columns: int) -> list[list[float]]:
-    return [numbers[start : start + columns] for start in range(0, len(numbers), columns)]
+    return numbers[0], numbers[columns + 1], numbers[2], numbers[columns + 2]
 
 
 def colmap_lines(data: bytes) -> list[list[str]]:

@@ -334,7 +334,7 @@ def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]
     them, if more of the first thousand exist there. One outside ``root``, or an absolute one
     without it, is named by all its folders.
     """
-    words = map(_local_path, words)
+    words = map(paths.without_file_scheme, words)
     first = list(islice(words, _MAX_PROBED))
     base = os.path.abspath(root or ".")  # noqa: PTH100 - links stay as named
     starts = (root or "",) if paths.is_remote(root or "") else (root or "", "")
@@ -348,14 +348,6 @@ def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]
         place = os.path.abspath(path)  # noqa: PTH100 - links stay as named
         name = _whole_name(place) if is_whole else _relative_name(place, base)
         yield _listed_uri(path, root or ".") or InputFile(name, path)
-
-
-def _local_path(word: str) -> str:
-    """A ``file://`` URI as a path."""
-    try:
-        return paths.without_file_scheme(word)
-    except UsageError:
-        return word  # the problem is reported with this input
 
 
 def _listed_uri(uri: str, root: str) -> InputFile | None:

@@ -23,8 +23,8 @@ from depthcli.core.options import Colormap, Near, StereoLayout
 from depthcli.core.surface import surface_of
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.formats.html import HtmlWriter
 from depthcli.io.formats.preview import (
+    HtmlWriter,
     PreviewWriter,
     StereoWriter,
     colour_table,

@@ -19,7 +19,7 @@ from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import DepthEncoding
 from depthcli.errors import InputError
 from depthcli.io.formats import png16
-from depthcli.io.formats.table import READABLE_SUFFIXES, readable_format, reader_of
+from depthcli.io.formats.table import READABLE_SUFFIXES, reader_of
 from depthcli.io.images import heif
 from depthcli.io.images.jpeg import JPEG_START, exif_of_jpeg, segments
 from depthcli.io.images.pixels import upright
@@ -39,9 +39,9 @@ def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -
         it states of model, camera, known points and orientation.
     """
     path = path_of(path)
-    format_ = readable_format(path)
-    if format_ is not None:
-        return reader_of(format_)(path, options)
+    read = reader_of(path)
+    if read is not None:
+        return read(path, options)
     stored = read_embedded_depth(path, options) if path.suffix.lower() in _IMAGES else None
     if stored is None:
         problem = f"{path} is not a depth file ({', '.join(READABLE_SUFFIXES)}, .mkv)"

@@ -312,7 +312,7 @@ class Format(TableOfFormats):
     PLY = "ply", _scene("geometry:PlyWriter", ".ply", ".ply", _PLY_MARK, _PLY)
     GLB = "glb", _scene("geometry:GlbWriter", ".glb", ".glb", b'"generator":"depthcli ', _SURFACE)
     USDZ = "usdz", _scene("usdz:UsdzWriter", ".usdz", ".usdz", b"depthcli.usdc", _SURFACE)
-    HTML = "html", _scene("html:HtmlWriter", ".html", ".html", _HTML_MARK, _SURFACE)
+    HTML = "html", _scene("preview:HtmlWriter", ".html", ".html", _HTML_MARK, _SURFACE)
     NORMALS = "normals", _stated("geometry:NormalsWriter", ".normals.png", None, _PNG_MARK)
     NORMALS_EXR = "normals-exr", _plate("exr:NormalsExrWriter", ".normals.exr", None, EXR_MARK)
     ERROR = "error", FormatFacts("png16:ErrorWriter", ".error.png", None, _PNG_MARK)
@@ -362,15 +362,12 @@ def stem_of(path: str | PurePath, others: Iterable[str] = ()) -> str:
     return name[: len(name) - len(end)] or name
 
 
-def readable_format(path: str | PurePath) -> Format | None:
-    """The format that a depth file is read in, by its suffix; None if it is not read."""
-    format_ = format_of(PurePath(f"a{PurePath(path).suffix}"))
-    return format_ if format_ and format_.facts.is_readable else None
-
-
-def reader_of(name: Format) -> Callable[[Path, DepthReadOptions], StoredDepth]:
-    """The function ``read`` of a format; its module is loaded now."""
-    module = FORMATS[name].writer.partition(":")[0]
+def reader_of(path: Path) -> Callable[[Path, DepthReadOptions], StoredDepth] | None:
+    """The function ``read`` of a depth file's format, by its suffix; None if it is not read."""
+    format_ = format_of(PurePath(f"a{path.suffix}"))
+    if format_ is None or not format_.facts.is_readable:
+        return None
+    module = format_.facts.writer.partition(":")[0]
     read: Callable[[Path, DepthReadOptions], StoredDepth]
     read = resolve_name(f"depthcli.io.formats.{module}:read")
     return read
