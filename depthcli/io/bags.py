@@ -3,7 +3,7 @@
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -162,11 +162,7 @@ def _camera(info: Any, path: Path, *, is_rectified: bool) -> Intrinsics | None: 
     """The camera of a ``CameraInfo``; None if it is not calibrated."""
     if info is None or not info.k[0]:
         return None
-    roi = {name: getattr(info.roi, name) for name in ("x_offset", "y_offset", "width", "height")}
-    fields = {"width": info.width, "height": info.height, "roi": roi}
-    fields |= {name: getattr(info, name).tolist() for name in ("k", "d", "p")}
-    fields["distortion_model"] = info.distortion_model
-    return camera_of_ros(fields, path, rectified=is_rectified)
+    return camera_of_ros(asdict(info), path, rectified=is_rectified)
 
 
 def _encoded(message: Any) -> bytes:  # noqa: ANN401 - of a type that the bag defines

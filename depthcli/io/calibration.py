@@ -327,6 +327,7 @@ def numbers_in(value: Any) -> list[float]:  # noqa: ANN401 - of any file
     """The numbers of a matrix or a list, row by row; NaN for what is none."""
     if isinstance(value, Mapping):
         return numbers_in(value["data"] if "data" in value else list(value.values()))
+    value = value.tolist() if hasattr(value, "tolist") else value  # of a message of ROS
     if isinstance(value, list | tuple):
         return [number for part in value for number in numbers_in(part)]
     if isinstance(value, str) and len(words := value.split()) != 1:

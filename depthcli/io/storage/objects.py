@@ -82,9 +82,7 @@ class RemotePath(Path, PurePosixPath):
     def __str__(self) -> str:
         if not self.parts or not self.parts[0].endswith(":"):  # relative to a folder
             return "/".join(self.parts) or "."
-        host = self.base.rpartition("@")
-        base = f"{self.parts[0]}//{host[2]}" if self.is_http and host[1] else self.base
-        return f"{base}/{self.key}".rstrip("/")
+        return masked(f"{self.base}/{self.key}").rstrip("/")
 
     def __fspath__(self) -> str:
         return str(self)
