@@ -331,9 +331,10 @@ def _data(depth: DepthMap, surface: Surface, stride: int) -> dict[str, Any]:
     changes = np.diff(np.nan_to_num(steps).astype(np.uint16), axis=0, prepend=np.uint16(0))
     planes = (changes >> 8).astype(np.uint8), changes.astype(np.uint8), links
     grid = b"".join(plane.tobytes() for plane in planes)
-    percent = None  # of the depth, from 1 to 255
+    error = None
     if depth.error is not None:
         percent = np.rint(np.nan_to_num(depth.error[::stride, ::stride]) * 100).clip(1, 255)
+        error = _text(zlib.compress(percent.astype(np.uint8).tobytes(), 9))
     return {
         "width": width,
         "height": height,
@@ -345,9 +346,7 @@ def _data(depth: DepthMap, surface: Surface, stride: int) -> dict[str, Any]:
         "nearest_m": nearest_m,
         "log_step": log_step,
         "grid": _text(zlib.compress(grid, 9)),
-        "error": None
-        if percent is None
-        else _text(zlib.compress(percent.astype(np.uint8).tobytes(), 9)),
+        "error": error,
     }
 
 

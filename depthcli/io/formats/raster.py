@@ -29,7 +29,6 @@ _DIMENSIONS, _RGB = 2, 3
 _INTRINSICS = "intrinsics"
 _NAMES = ("depth", "depths", "depth_m", "metric_depth", "depth_map", "pred", "prediction", "arr_0")
 """Names of the array with depth in an NPZ: Depth Pro, Depth Anything 3, Video Depth Anything."""
-_MAX_BYTES = 8 * OPENCV_MAX_PIXELS
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,8 +144,6 @@ def _read_arrays(data: bytes, path: Path, options: DepthReadOptions) -> StoredDe
 def _named_array(data: bytes) -> tuple[str, AnyArray, dict[str, str], dict[str, AnyArray]]:
     """Name and values of an NPZ's array with depth, metadata of depthcli, and other arrays."""
     with np.load(BytesIO(data), allow_pickle=False) as arrays:
-        if any(member.file_size > _MAX_BYTES for member in arrays.zip.infolist()):
-            raise ValueError("larger than any depth map")
         texts = json.loads(str(arrays["depthcli"])) if "depthcli" in arrays else {}
         names = [name for name in arrays.files if name != "depthcli"]
         name = next((name for name in _NAMES if name in names), names[0] if len(names) == 1 else "")

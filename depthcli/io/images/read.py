@@ -126,8 +126,6 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
     with reader_errors(name):
         header = container.call("{}_header", data)
     width, height = header.width, header.height
-    if width <= 0 or height <= 0:
-        raise InputError(f"{name} claims {width}×{height} pixels", "the image is empty")
     check_pixel_count(name, width, height, max_pixels)
     return CheckedImage(data, name, header, container)
 
@@ -352,8 +350,6 @@ def frame_of(image: ImageLike, white_level: int | None = None) -> Frame:
         return read_image(path_of(image), white_level=white_level)
     if hasattr(image, "read"):
         image = image.read()
-        if isinstance(image, str):
-            raise InputError("the file is open as text", "open it with mode 'rb'")
     if isinstance(image, (bytes, bytearray, memoryview)):
         name = "the image in memory"
         return read_image(None, bytes(image), name=name, white_level=white_level)

@@ -22,7 +22,7 @@ OUT_ADVICE = "choose another {out}"
 
 
 def identity_of(path: str | Path) -> FileIdentity:
-    """Identity of a file, whatever its names and the links that lead to it."""
+    """Identity of a file, whatever its names, and links and missing folders that lead to it."""
     if isinstance(path, RemotePath):
         return str(path)
     place = os.path.realpath(path)  # also through folders that do not exist yet
@@ -78,11 +78,6 @@ def append_whole(file: FileIO, data: bytes) -> int:
             file.truncate(start)
         raise
     return start
-
-
-def is_same_file(path: Path, source: Path) -> bool:
-    """Whether an output path is an existing file, even through folders that do not exist yet."""
-    return identity_of(path) == identity_of(source)
 
 
 _OPEN_STREAM = re.compile(r"/dev/(stdin|stdout|stderr|fd/\d+)|/proc/(self|\d+)/fd/\d+")

@@ -36,6 +36,10 @@ NO_PATH = "a name with an empty, '.' or '..' part cannot be read"
 _REASONS = {
     "NoSuchBucket": (errno.ENOENT, "no such bucket"),
     "configured region": (errno.EINVAL, "it is in another region; set AWS_DEFAULT_REGION"),
+    "get_credentials": (
+        errno.EACCES,
+        "no AWS credentials; sign in ('aws configure'), or set AWS_SKIP_SIGNATURE=true if public",
+    ),
     "Account must be": (errno.EACCES, "no account is given; set AZURE_STORAGE_ACCOUNT_NAME"),
     "status code: 401": (errno.EACCES, "access denied; check the credentials"),
     "status code: 403": (errno.EACCES, "access denied; check the credentials and their rights"),
@@ -303,12 +307,12 @@ def _store(uri: str) -> ObjectStore:
     }
     retry: RetryConfig = {"max_retries": retries()}
     more: dict[str, Any] = (
-        {"credential_provider": _aws_credentials(uri)} if uri.startswith("s3://") else {}
+        {"credential_provider": _aws_credentials()} if uri.startswith("s3://") else {}
     )
     return from_url(uri, client_options=client, retry_config=retry, **more)
 
 
-def _aws_credentials(uri: str) -> Any:  # noqa: ANN401 - boto3 has no types
+def _aws_credentials() -> Any:  # noqa: ANN401 - boto3 has no types
     """Credentials of profiles, single sign-on and roles; None if obstore reads the environment."""
     if {"AWS_ACCESS_KEY_ID", "AWS_SKIP_SIGNATURE"} & os.environ.keys():
         return None
@@ -318,13 +322,6 @@ def _aws_credentials(uri: str) -> Any:  # noqa: ANN401 - boto3 has no types
         return Boto3CredentialProvider()
     except ModuleNotFoundError:
         return None
-    except ValueError:
-        raise PermissionError(
-            errno.EACCES,
-            "no AWS credentials found; sign in ('aws configure'), or set AWS_SKIP_SIGNATURE=true "
-            "for a public bucket",
-            uri,
-        ) from None
 
 
 @contextmanager
