@@ -26,7 +26,7 @@ from depthcli.core.validation import parsed_json, validated
 from depthcli.errors import InputError, OutputError, UsageError, os_errors_as
 from depthcli.io.listing import CsvTable
 from depthcli.io.storage.atomic import write_text
-from depthcli.io.storage.paths import config_folder, path_of, read_bytes, read_regular
+from depthcli.io.storage.paths import path_of, read_bytes, read_regular, user_folder
 
 _ADVICE = "name the calibration of a camera"
 _SIZES = (("image_width", "image_height"), ("width", "height"), ("w", "h"), ("W", "H"))
@@ -120,23 +120,19 @@ def _checked(camera: _Camera, path: Path, *, rectified: bool) -> Intrinsics:
     is_square = abs(fy / fx - 1) <= _SQUARE
     focal_px, aspect = (math.sqrt(fx * fy), 1.0) if is_square else (fx, fy / fx)
     size_px = (int(width), int(height)) if camera.size_px else None
+    is_fisheye, lens = bool(_FISHEYE.search(camera.model)), camera.coefficients
+    distortion = None
+    if not rectified and (is_fisheye or any(lens)):  # OpenCV takes four coefficients or more
+        filled = () if _OTHER_MODELS.search(camera.model) else (*lens, *[0.0] * (4 - len(lens)))
+        distortion = Distortion(camera.matrix[:2], filled, is_fisheye)
     return Intrinsics(
         focal_px,
         hfov_deg=hfov_deg(focal_px, size_px[0]) if size_px else None,
         centre_px=(cx, cy),
         size_px=size_px,
         pixel_aspect=aspect,
-        distortion=None if rectified else _distortion(camera),
+        distortion=distortion,
     )
-
-
-def _distortion(camera: _Camera) -> Distortion | None:
-    """The distortion of a lens, of four coefficients or more; None if there is none."""
-    is_fisheye, lens = bool(_FISHEYE.search(camera.model)), camera.coefficients
-    if not (is_fisheye or any(lens)):
-        return None
-    filled = () if _OTHER_MODELS.search(camera.model) else (*lens, *[0.0] * (4 - len(lens)))
-    return Distortion(camera.matrix[:2], filled, is_fisheye)
 
 
 def _coefficients_in(tree: Mapping[str, Any]) -> tuple[tuple[float, ...], str]:
@@ -440,4 +436,4 @@ def kept_camera(name: str) -> Intrinsics:
 def _kept_path(name: str) -> Path:
     if not _KEPT_NAME.fullmatch(name):
         raise UsageError(f"{name!r} is not a name of letters, digits, '-', '_' and '.'")
-    return config_folder() / "cameras" / f"{name}.json"
+    return user_folder("config") / "cameras" / f"{name}.json"

@@ -141,17 +141,8 @@ def regular_size(path: Path) -> int:
 _PROGRAM = "depthcli"
 
 
-def data_folder() -> Path:
-    """The platform's folder for an application's data: models."""
-    return _user_folder("data")
-
-
-def config_folder() -> Path:
-    """The platform's folder for an application's settings: profiles and cameras."""
-    return _user_folder("config")
-
-
-def _user_folder(kind: Literal["data", "config"]) -> Path:
+def user_folder(kind: Literal["data", "config"]) -> Path:
+    """The platform's folder for an application's data, models, or settings, such as cameras."""
     from platformdirs import PlatformDirs  # noqa: PLC0415 - takes 10 ms
 
     folders = PlatformDirs(_PROGRAM, appauthor=False, roaming=kind == "config")
