@@ -120,11 +120,6 @@ def checksum(path: Path) -> tuple[int, str] | None:
     return None
 
 
-def is_intact(folder: Path, file: OutputFile) -> bool:
-    """Whether a file is unchanged since it was written."""
-    return checksum(folder / file.path) == (file.bytes, file.sha256)
-
-
 def output_entry(folder: Path, path: Path) -> OutputFile:
     """The entry of a file just written."""
     size_and_checksum = checksum(path)
@@ -316,19 +311,14 @@ class Journal(Rows):
                 append_whole(self._file, line)
             else:
                 self._waiting += line
-                self._upload()
+                now_s = time.monotonic()
+                if now_s - self._uploaded_s >= _UPLOAD_INTERVAL_S:
+                    part = f"{self._path.name}.{time.time_ns():020}-{os.urandom(4).hex()}"
+                    self._files.append(self._path.with_name(part))
+                    with atomic_path(self._files[-1]) as temporary:
+                        temporary.write_bytes(self._waiting)
+                    self._waiting, self._uploaded_s = bytearray(), now_s
             self._lines[row.input] = line
-
-    def _upload(self) -> None:
-        """Upload the waiting rows, if the last upload was long enough ago."""
-        now_s = time.monotonic()
-        if now_s - self._uploaded_s < _UPLOAD_INTERVAL_S:
-            return
-        part = f"{self._path.name}.{time.time_ns():020}-{os.urandom(4).hex()}"
-        self._files.append(self._path.with_name(part))
-        with atomic_path(self._files[-1]) as temporary:
-            temporary.write_bytes(self._waiting)
-        self._waiting, self._uploaded_s = bytearray(), now_s
 
     def finish(self, names: Iterable[str] | None, *, keep_failed: bool = False) -> None:
         """Write all rows to the manifest, and remove the journal.

@@ -108,7 +108,12 @@ class PlyWriter(SurfaceWriter):
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one vertex for each pixel with depth; comments in the header have the metadata."""
         surface, warnings = self.surface(depth)
-        points = self._points(surface, frame)
+        valid = surface.valid
+        points = np.empty(int(valid.sum()), _POINT)
+        points["xyz_m"], points["normal"] = surface.xyz_m[valid], surface.normals()[valid]
+        points["rgb"] = 255
+        if frame is not None:
+            points["rgb"] = frame.pixels_8bit()[:: self.stride or 1, :: self.stride or 1][valid]
         numbers = self.joined(surface).faces() if self.faces else np.empty((0, 3), np.uint32)
         faces = np.empty(len(numbers), _FACE)
         faces["count"], faces["numbers"] = 3, numbers
@@ -126,15 +131,6 @@ class PlyWriter(SurfaceWriter):
             file.write(points.data)  # tofile reports no error when the disk is full
             file.write(faces.data)
         return warnings
-
-    def _points(self, surface: Surface, frame: Frame | None) -> npt.NDArray[np.void]:
-        valid = surface.valid
-        points = np.empty(int(valid.sum()), _POINT)
-        points["xyz_m"], points["normal"] = surface.xyz_m[valid], surface.normals()[valid]
-        points["rgb"] = 255
-        if frame is not None:
-            points["rgb"] = frame.pixels_8bit()[:: self.stride or 1, :: self.stride or 1][valid]
-        return points
 
 
 # https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html

@@ -137,7 +137,8 @@ class BatchTask:
             return None
         if (row.anchors and row.anchors.sha256) != (points.sha256() if points else None):
             return None
-        return row if all(manifest.is_intact(out, file) for file in row.outputs) else None
+        sums = ((manifest.checksum(out / f.path), (f.bytes, f.sha256)) for f in row.outputs)
+        return row if all(now == then for now, then in sums) else None
 
     def check_outputs(self, *, overwrite: bool) -> None:
         """Check the outputs for writing.
