@@ -385,10 +385,8 @@ def _pixels(image: ArrayLike) -> tuple[AnyArray, AnyArray | None]:
 
 
 def _of_pil(image: Any) -> tuple[Frame, AnyArray | None]:  # noqa: ANN401 - PIL need not be installed
-    try:
+    with reader_errors("the PIL image"):
         pixels, alpha = _pixels(_gray_or_rgb(image))
-    except OSError as error:
-        raise InputError(f"the PIL image cannot be read: {error}") from error
     if image.format is None:  # made or changed by a program: its EXIF may be outdated
         return Frame(pixels), alpha
     exif = image.getexif()

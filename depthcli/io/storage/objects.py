@@ -141,11 +141,7 @@ class RemotePath(Path, PurePosixPath):
         """Delete the object; a missing one is not an error."""
         _send_request("delete", self)
 
-    def read_bytes(self) -> bytes:
-        """The whole object."""
-        return self.read_some()
-
-    def read_some(self, max_bytes: int | None = None, *, first: int = -1) -> bytes:
+    def read_bytes(self, max_bytes: int | None = None, *, first: int = -1) -> bytes:
         """The object, if it is not larger than ``max_bytes``, or its ``first`` bytes."""
         if first < 0:
             return b"".join(fetch(self, max_bytes)[1])

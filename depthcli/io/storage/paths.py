@@ -100,7 +100,7 @@ def check_writable(path: Path) -> None:
 def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
     """Content, or ``first`` bytes, of a regular file of up to ``max_bytes``; else OSError."""
     if isinstance(path, RemotePath):
-        return path.read_some(max_bytes, first=first)
+        return path.read_bytes(max_bytes, first=first)
     size = regular_size(path)
     if size > max_bytes:
         raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", path)
