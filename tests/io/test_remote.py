@@ -390,9 +390,9 @@ def test_variable_sets_the_number_of_retries(
         monkeypatch.setenv("DEPTHCLI_RETRIES", word)
     if count is None:
         with pytest.raises(UsageError):
-            objects.retries()
+            objects._retries()
     else:
-        assert objects.retries() == count
+        assert objects._retries() == count
 
 
 JOURNAL = ".depthcli-batch.jsonl"

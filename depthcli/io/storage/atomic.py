@@ -8,17 +8,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Protocol, TypeAlias
 
 from depthcli.errors import OutputError, UsageError, os_errors_as
 from depthcli.io.storage.paths import RemotePath, uploaded
 from depthcli.io.storage.temporary import folder_lock, temporary_beside
 
-if TYPE_CHECKING:
-    from depthcli.io.guard import Guard
-
 FileIdentity: TypeAlias = tuple[int, int] | str
 OUT_ADVICE = "choose another {out}"
+
+
+class OutputRule(Protocol):
+    """A rule about which files may be replaced, such as :class:`depthcli.io.guard.Guard`."""
+
+    def check(self, *paths: Path) -> None:
+        """Check that outputs may be written to paths; OutputError if not."""
 
 
 def identity_of(path: str | Path) -> FileIdentity:
@@ -34,7 +38,7 @@ def identity_of(path: str | Path) -> FileIdentity:
 
 
 @contextmanager
-def atomic_path(path: Path, *, guard: "Guard | None" = None) -> Iterator[Path]:
+def atomic_path(path: Path, *, guard: OutputRule | None = None) -> Iterator[Path]:
     """A path of the same suffix in the same folder that takes ``path``'s place after the block.
 
     Missing folders are created; without a guard, any file is replaced.

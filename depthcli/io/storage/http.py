@@ -6,7 +6,7 @@ import os
 import re
 import socket
 from base64 import b64encode
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from email.utils import parsedate_to_datetime
 from functools import partial
@@ -16,8 +16,6 @@ from typing import Any
 from urllib.error import HTTPError, URLError
 from urllib.parse import quote, unquote, urlsplit
 from urllib.request import HTTPRedirectHandler, Request, build_opener
-
-from depthcli.io.storage.objects import pause, retried, retries
 
 _HUB = "https://huggingface.co"  #: HF_ENDPOINT names a mirror, HF_TOKEN is sent to both alone
 _TIMEOUT_S = 60
@@ -56,10 +54,12 @@ def head(url: str) -> tuple[int, int]:
         return _size(answer), int(parsedate_to_datetime(modified).timestamp()) if modified else 0
 
 
-def fetch(url: str, start: int = 0) -> tuple[int, Iterator[bytes]]:
+def fetch(
+    url: str, retries: int, pause: Callable[[int], None], start: int = 0
+) -> tuple[int, Iterator[bytes]]:
     """Size of a file, and its content from a byte on in parts; resumed where it is cut off."""
     headers = {"Range": f"bytes={start}-"} if start else None
-    answer = retried(partial(_opened, url, headers), _is_transient)
+    answer = _retried(lambda: _opened(url, headers), retries, pause)
     (first, size), tag = _range_of(answer, start), answer.headers.get("ETag", "")
 
     def parts() -> Iterator[bytes]:
@@ -71,11 +71,11 @@ def fetch(url: str, start: int = 0) -> tuple[int, Iterator[bytes]]:
                     done += len(part)
             if done >= size:
                 return
-            if tries == retries():
+            if tries == retries:
                 raise OSError(errno.EIO, "it is cut off; try again later")
             pause(tries)
             headers = {"Range": f"bytes={done}-", **({"If-Range": tag} if tag else {})}
-            source = retried(partial(_opened, url, headers), _is_transient)
+            source = _retried(partial(_opened, url, headers), retries, pause)
             if _range_of(source, done)[0] != done:
                 raise OSError(errno.EIO, "it is cut off, and the server cannot go on there")
 
@@ -109,12 +109,20 @@ def _opened(url: str, headers: dict[str, str] | None = None, method: str = "GET"
     return _OPENER.open(request, timeout=_TIMEOUT_S)
 
 
-def _is_transient(error: Exception) -> bool:
-    if isinstance(error, HTTPError):
-        return error.code in _TRANSIENT
-    is_final = isinstance(getattr(error, "reason", None), PermissionError | socket.gaierror)
-    kinds = (URLError, HTTPException, ConnectionError, TimeoutError)
-    return isinstance(error, kinds) and not is_final
+def _retried(request: Callable[[], Any], retries: int, pause: Callable[[int], None]) -> Any:  # noqa: ANN401
+    """The answer to a request, which is repeated if it fails for a moment."""
+    for tries in range(retries + 1):
+        try:
+            return request()
+        except HTTPError as error:
+            if error.code not in _TRANSIENT or tries == retries:
+                raise
+        except (URLError, HTTPException, ConnectionError, TimeoutError) as error:
+            is_final = isinstance(getattr(error, "reason", None), PermissionError | socket.gaierror)
+            if is_final or tries == retries:
+                raise
+        pause(tries)
+    return None
 
 
 def _size(answer: Any) -> int:  # noqa: ANN401

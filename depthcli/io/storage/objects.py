@@ -209,7 +209,7 @@ def fetch(
     """Size of an object, and its content from a byte on in parts, by one request."""
     if address.is_http:
         with _as_os_errors(address):
-            size, content = _http().fetch(address.url, start)
+            size, content = _http().fetch(address.url, _retries(), _pause, start)
     else:
         options = {"range": {"offset": start}} if start else None
         answer = _send_request("get", address, options=options)
@@ -244,31 +244,24 @@ def _send_request(verb: str, address: RemotePath, *words: Any, **options: Any) -
 
 def _with_retries(address: RemotePath, request: Callable[[], Any]) -> Any:  # noqa: ANN401
     """Make a request again if its body is interrupted: obstore resumes only object downloads."""
-    with _as_os_errors(address):
-        return retried(request, lambda error: "body error" in str(error))
-
-
-def retried(request: Callable[[], Any], is_transient: Callable[[Exception], bool]) -> Any:  # noqa: ANN401
-    """The answer to a request, which is repeated if it fails for a moment."""
     for tries in count():
-        try:
-            return request()
-        except Exception as error:
-            if tries >= retries() or not is_transient(error):
-                raise
-        pause(tries)
+        with _as_os_errors(address):
+            try:
+                return request()
+            except _library(address).exceptions.BaseError as error:
+                if "body error" not in str(error) or tries >= _retries():
+                    raise
+        _pause(tries)
     return None
 
 
-def pause(tries: int) -> None:
-    """Wait before a request is tried again."""
+def _pause(tries: int) -> None:
     from random import uniform  # noqa: PLC0415 - little used, and slow to load
 
     time.sleep(uniform(0.5, 1) * min(15, 0.1 * 2**tries))  # noqa: S311 - jitter
 
 
-def retries() -> int:
-    """How often a request is tried again."""
+def _retries() -> int:
     word = os.environ.get(RETRIES_VARIABLE, "10")
     if not word.isdecimal():
         raise UsageError(f"{RETRIES_VARIABLE} is {word!r}; set it to a number such as 10")
@@ -301,7 +294,7 @@ def _store(uri: str) -> ObjectStore:
         "read_timeout": "60s",
         "timeout": "1d",  # of the whole body: a video may take long
     }
-    retry: RetryConfig = {"max_retries": retries()}
+    retry: RetryConfig = {"max_retries": _retries()}
     more: dict[str, Any] = (
         {"credential_provider": _aws_credentials()} if uri.startswith("s3://") else {}
     )
