@@ -197,7 +197,7 @@ def cache_key(
     [
         BatchOptions(formats=(Format.PNG16, Format.NPY)),
         BatchOptions(camera=Intrinsics(300.0)),
-        *(BatchOptions(writing=replace(DEFAULTS, **{field.name: 7})) for field in fields(DEFAULTS)),
+        *(BatchOptions(writing=replace(DEFAULTS, **{field.name: 3})) for field in fields(DEFAULTS)),
     ],
 )
 def test_every_option_of_the_outputs_counts(tmp_path: Path, changed: BatchOptions) -> None:
