@@ -19,7 +19,7 @@ import depthcli
 from depthcli.api.depth_map import CAMERA, SaveOptions
 from depthcli.core.options import DepthFit
 from depthcli.io.depth.read import read_metadata
-from depthcli.io.formats.options import WriterOptions, names_of
+from depthcli.io.formats.table import WriterOptions, names_of
 
 PIXELS = synthetic_image()
 

@@ -16,7 +16,7 @@ from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, UsageError, about
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.images.read import read_image, undistorted
-from depthcli.io.listing.folder import list_folder
+from depthcli.io.listing import list_folder
 from depthcli.io.storage.paths import path_of
 from depthcli.known.files import KnownDepthFiles
 from depthcli.known.fit import Pairs, ScaleShift, robust

@@ -17,14 +17,14 @@ from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
 from depthcli.core.options import AS_STATED, MAX_PIXELS, MILLIMETRES, DepthEncoding, ReadOptions
 from depthcli.core.temporal import RangeLock, ema_decay
 from depthcli.errors import DepthcliError, InputError, Message, UsageError
+from depthcli.io import listing as folders
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats import table
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import percentiles
+from depthcli.io.formats.table import WriterOptions
 from depthcli.io.guard import Guard, is_own_image
 from depthcli.io.images.read import read_image
-from depthcli.io.listing import folder as folders
-from depthcli.io.listing.folder import InputFile, NameFilter, Skipped
+from depthcli.io.listing import InputFile, NameFilter, Skipped
 from depthcli.io.storage import atomic, paths
 from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, stated_range
 from depthcli.io.stored.metadata import NORMALIZED

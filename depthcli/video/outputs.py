@@ -20,12 +20,10 @@ from depthcli._version import __version__
 from depthcli.core.arrays import UInt8Array, UInt16Array
 from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
 from depthcli.errors import OutputError, about
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.formats.stereo import StereoWriter
-from depthcli.io.formats.table import Format, writer_of
+from depthcli.io.formats.preview import PreviewWriter, StereoWriter
+from depthcli.io.formats.table import Format, WriterOptions, writer_of
 from depthcli.io.guard import Guard
-from depthcli.io.marks import COMMENT_PREFIX, LABEL_PREFIX
+from depthcli.io.media import COMMENT_PREFIX, LABEL_PREFIX
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.stored.metadata import UINT16_MAX, metadata_texts, normalized, quantized, step_unit
 from depthcli.video.audio import AudioTrack

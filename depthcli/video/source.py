@@ -18,7 +18,7 @@ from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixe
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.images.heif import boxes
-from depthcli.io.marks import COMMENT_PREFIX, LABEL_PREFIX
+from depthcli.io.media import COMMENT_PREFIX, LABEL_PREFIX
 from depthcli.video import frames as clock
 from depthcli.video.container import InputPipe, LiveStream, open_video, pipe_advice, video_streams
 from depthcli.video.converter import FrameConverter

@@ -13,7 +13,7 @@ from helpers.batches import images, request
 
 from depthcli._version import __version__
 from depthcli.errors import EngineError
-from depthcli.io.listing.folder import InputFile
+from depthcli.io.listing import InputFile
 from depthcli.jobs.batch.ray import LOCAL_CLUSTER, Call, RemoteWorker, _connect, _worker_capacity
 from depthcli.jobs.batch.tasks import BatchTask
 from depthcli.jobs.batch.workers import WorkerSpec

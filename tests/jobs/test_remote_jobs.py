@@ -21,7 +21,7 @@ from depthcli.core.camera import Intrinsics
 from depthcli.errors import InputError, ModelError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format
-from depthcli.io.listing.path_list import read_list
+from depthcli.io.listing import read_list
 from depthcli.io.manifest import WHOLE, Shard
 from depthcli.io.storage.paths import path_of
 from depthcli.jobs.batch.manifests import merge_manifests, read_rows, summarize

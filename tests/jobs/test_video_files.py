@@ -14,7 +14,7 @@ from helpers.videos import flat_frames, write_mp4, write_video
 from depthcli.core.camera import Intrinsics
 from depthcli.errors import OutputError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_base, video_destination
 from depthcli.jobs.video.run import video

@@ -25,7 +25,7 @@ from depthcli.core.options import UpsamplingOptions
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_metadata, read_stored_depth
-from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import WriterOptions
 from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.video.plan import (

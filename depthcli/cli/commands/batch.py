@@ -17,7 +17,7 @@ from depthcli.core.options import GPU_BATCH, SceneLayout
 from depthcli.core.parallel import share_cores
 from depthcli.errors import ExitCode, UsageError, os_errors_as
 from depthcli.io.formats.table import Format
-from depthcli.io.listing.folder import NameFilter
+from depthcli.io.listing import NameFilter
 from depthcli.io.storage.paths import RemotePath, path_of
 
 if TYPE_CHECKING:
@@ -286,8 +286,8 @@ def _cluster(options: EngineOptions, progress: Progress) -> RayEngine:
 
 
 def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | None) -> BatchPlan:
+    from depthcli.io import listing
     from depthcli.io.archives import holds_images
-    from depthcli.io.listing import path_list
     from depthcli.io.manifest import WHOLE, Shard
     from depthcli.io.media import is_archive
     from depthcli.io.storage.paths import path_of
@@ -314,5 +314,5 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
         return plan
     with os_errors_as(UsageError, "cannot read the list from standard input"):
         stdin = sys.stdin.buffer.read() if files == _STDIO else b""
-    words = path_list.parse_list(stdin) if files == _STDIO else path_list.read_list(files, column)
+    words = listing.parse_list(stdin) if files == _STDIO else listing.read_list(files, column)
     return plan_files(words, files, folder, out, names_filter, shard, cameras)

@@ -4,8 +4,7 @@ import typer
 
 from depthcli.cli import options as groups
 from depthcli.errors import ExitCode
-from depthcli.io.formats.options import SurfaceOptions, WriterOptions
-from depthcli.io.formats.table import Format, stem_of
+from depthcli.io.formats.table import Format, SurfaceOptions, WriterOptions, stem_of
 
 
 def view(

@@ -13,7 +13,7 @@ from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthRange
 from depthcli.errors import SIGNAL_BASE, EngineError, ModelError, UsageError, about
-from depthcli.io.listing.folder import skip_summary
+from depthcli.io.listing import skip_summary
 from depthcli.io.stored.metadata import camera_text
 from depthcli.jobs.image import FailedInput, depth_facts
 from depthcli.jobs.predict import PredictResult

@@ -8,14 +8,14 @@ from pathlib import Path
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import short_repr
 from depthcli.errors import InputError, UsageError
+from depthcli.io import listing
+from depthcli.io.calibration import read_lenses
 from depthcli.io.formats.table import Format
 from depthcli.io.guard import is_own_output
-from depthcli.io.listing import folder as listing
-from depthcli.io.listing.path_list import listed_inputs
+from depthcli.io.listing import listed_inputs
 from depthcli.io.manifest import WHOLE, Shard
 from depthcli.io.media import ARCHIVE_SUFFIXES, is_archive, is_video
 from depthcli.io.storage import paths
-from depthcli.io.tables import read_lenses
 from depthcli.jobs.outputs import OutputNames, sharing_stem, stem
 from depthcli.video.formats import VideoFormat
 

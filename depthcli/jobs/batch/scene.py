@@ -15,9 +15,8 @@ from typing import Any
 from depthcli.core.options import SceneLayout
 from depthcli.core.validation import FieldError, parsed_json
 from depthcli.errors import UsageError, os_errors_as
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.png16 import read_metadata
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.guard import Guard
 from depthcli.io.manifest import ManifestRow
 from depthcli.io.storage.atomic import atomic_path

@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 from watchfiles import watch
 
-from depthcli.io.listing.folder import NameFilter, list_folder
+from depthcli.io.listing import NameFilter, list_folder
 
 _SETTLE_S = 1.0
 _LOOK_MS = 500

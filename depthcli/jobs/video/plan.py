@@ -281,7 +281,7 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         first_segment=first_segment,
     )
     for path in map(plan.path, names):
-        if file is not None and atomic.is_same_file(path, file):
+        if file is not None and atomic.identity_of(path) == atomic.identity_of(file):
             raise UsageError(f"{path} is the input", "choose another {out}")
     return plan
 

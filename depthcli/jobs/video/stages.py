@@ -22,13 +22,13 @@ from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, Message, about
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.transforms import focal_warnings
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import percentiles
+from depthcli.io.formats.table import WriterOptions
 from depthcli.io.guard import Guard
 from depthcli.io.images.read import undistorted
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.stored.depth import remove_video_sidecar
 from depthcli.io.stored.metadata import dequantized, quantized
-from depthcli.io.stored.sidecar import remove_video_sidecar
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
 from depthcli.jobs.video.resume import FrameJournal, open_journal, rounding_scale
