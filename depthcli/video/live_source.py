@@ -15,8 +15,7 @@ from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixe
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.video.container import STREAMED_FORMATS, LiveStream, open_video, video_streams
-from depthcli.video.converter import FrameConverter
-from depthcli.video.decoder import FrameDecoder
+from depthcli.video.decoder import FrameConverter, FrameDecoder
 from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, exact_rate
 
 MOST_ATTEMPTS = 10  #: to open a lost stream again, before it is given up

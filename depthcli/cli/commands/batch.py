@@ -251,25 +251,15 @@ def _changes(
     """Plans of new and changed files of the folder; none without ``--watch``."""
     if not inputs.watch:
         return lambda _stop: iter(())
-    from depthcli.jobs.batch.plan import plan_files
-
     if folder is None or inputs.files or inputs.shard or cameras:
         raise UsageError("", "{watch} is for a folder, without {files}, {shard} and {cameras}")
     place = path_of(folder)
     if isinstance(place, RemotePath) or not place.is_dir():
         raise UsageError(f"{folder} is not a local folder", option="watch")
-    from depthcli.jobs.batch.watch import FolderChanges
+    from depthcli.jobs.batch.plan import changes_of
 
     names_filter = NameFilter.of(inputs.include or (), inputs.exclude or ())
-    changes = FolderChanges(folder, out, names_filter)
-
-    def plans(stop: Event) -> Iterator[BatchPlan]:
-        for changed, names in changes.wait(stop):
-            plan = plan_files(names, folder, folder, out, names_filter)
-            files = (file for file in plan.inputs if file.name in changed)
-            yield replace(plan, inputs=tuple(files), skipped=())
-
-    return plans
+    return changes_of(folder, out, names_filter)
 
 
 def _cluster(options: EngineOptions, progress: Progress) -> RayEngine:

@@ -129,7 +129,7 @@ def write_new_card(
     from depthcli.cli import parse
     from depthcli.core.types import DepthKind
     from depthcli.io.storage.paths import path_of
-    from depthcli.jobs.new_card import Answers, new_card
+    from depthcli.jobs.models import Answers, new_card
     from depthcli.models.card import Colour
 
     def numbers(word: str | None, name: str) -> tuple[float, ...] | None:

@@ -1,9 +1,12 @@
-"""Planning a batch of a folder or a list."""
+"""Planning a batch of a folder or a list, or of what changes in a folder."""
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from threading import Event
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import short_repr
@@ -209,3 +212,52 @@ def plan_files(
     )
     where, out = f"the list {paths.safe_name(source)}", paths.without_file_scheme(out)
     return _planned(files, where, out, names_filter, shard, cameras, is_list=True)
+
+
+_SETTLE_S = 1.0
+_LOOK_MS = 500
+
+
+def changes_of(
+    folder: str, out: str, names_filter: listing.NameFilter
+) -> Callable[[Event], Iterator[BatchPlan]]:
+    """Plans of the images and videos of a folder that are new or changed from now on.
+
+    The plans come until the event is set. A file is new or changed when its size and time have
+    stayed the same for a second, so that it is complete.
+    """
+    from watchfiles import watch  # noqa: PLC0415 - an extra
+
+    def stamps() -> dict[str, tuple[int, int, int]]:
+        """Size, time of the last change and inode of each file."""
+        stamps = {}
+        for file in listing.list_folder(folder, leave_out=out, skip=names_filter.excludes).media:
+            if file.problem is None and names_filter.refusal(file.name) is None:
+                with suppress(OSError):  # it has gone again
+                    status = os.stat(file.path)  # noqa: PTH116 - a path as text
+                    stamps[file.name] = status.st_size, status.st_mtime_ns, status.st_ino
+        return stamps
+
+    def plans(stop: Event) -> Iterator[BatchPlan]:
+        since_s: dict[tuple[str, tuple[int, int, int]], float] = {}
+        is_first = True  # what came before the folder was watched is no change of it
+        for changes in watch(
+            folder,
+            stop_event=stop,
+            rust_timeout=_LOOK_MS,
+            yield_on_timeout=True,
+            raise_interrupt=False,
+        ):
+            if not (changes or since_s or is_first):
+                continue
+            is_first, now_s, present = False, time.monotonic(), stamps()
+            since_s = {file: since_s.get(file, now_s) for file in present.items() - seen.items()}
+            settled = dict(file for file, at_s in since_s.items() if now_s - at_s >= _SETTLE_S)
+            seen.update(settled)
+            if settled:
+                plan = plan_files(present, folder, folder, out, names_filter)
+                files = (file for file in plan.inputs if file.name in settled)
+                yield replace(plan, inputs=tuple(files), skipped=())
+
+    seen = stamps()
+    return plans

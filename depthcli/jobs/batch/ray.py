@@ -30,9 +30,8 @@ from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
 from depthcli.io.manifest import CacheKey
 from depthcli.io.storage.paths import RemotePath
-from depthcli.jobs.batch.engine import Chunks, Record
 from depthcli.jobs.batch.tasks import BatchResult, BatchTask
-from depthcli.jobs.batch.workers import ImageWorker, VideoWorker, WorkerSpec
+from depthcli.jobs.batch.workers import Chunks, ImageWorker, Record, VideoWorker, WorkerSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +191,7 @@ LOCAL_CLUSTER: dict[str, Any] = {
 
 
 class RayEngine:
-    """An :class:`depthcli.jobs.batch.engine.Engine`, connected to a cluster."""
+    """An :class:`depthcli.jobs.batch.workers.Engine`, connected to a cluster."""
 
     def __init__(
         self,

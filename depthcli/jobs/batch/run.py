@@ -20,11 +20,16 @@ from depthcli.io.images.read import check
 from depthcli.io.manifest import WHOLE, CacheKey, Journal, known_rows
 from depthcli.io.storage.paths import local_copy, read_bytes, safe_name
 from depthcli.io.storage.temporary import remove_stale
-from depthcli.jobs.batch.engine import Engine, LocalEngine, process_count
 from depthcli.jobs.batch.plan import BatchPlan, holds_many
 from depthcli.jobs.batch.scene import check_tables, write_tables
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask, TaskBuilder
-from depthcli.jobs.batch.workers import WorkerSpec, video_checksum
+from depthcli.jobs.batch.workers import (
+    Engine,
+    LocalEngine,
+    WorkerSpec,
+    process_count,
+    video_checksum,
+)
 
 
 @dataclass(slots=True)
