@@ -224,7 +224,7 @@ class VideoWorker:
         """Write the outputs of a video; returns fields of its row."""
         # PyAV takes 60 ms to load, which a batch of images does not need.
         from depthcli.jobs.video.plan import VideoPlan, VideoRequest, VideoSettings  # noqa: PLC0415
-        from depthcli.jobs.video.stages import open_source, write_video  # noqa: PLC0415
+        from depthcli.jobs.video.stages import write_video  # noqa: PLC0415
 
         options, out, name = self.images.options, self.images.out, task.input.name
         settings = VideoSettings(
@@ -243,8 +243,7 @@ class VideoWorker:
             VideoRequest(name, settings=settings, overwrite=overwrite),
             sha256=sha256,
         )
-        with open_source(plan) as frames:
-            done = write_video(plan, frames, self.images.job.pipeline, self.workers, self.progress)
+        done = write_video(plan, self.images.job.pipeline, self.workers, self.progress)
         files = _output_files(task.outputs, done.numbers)
         return {
             "outputs": tuple(output_entry(out, path) for path in files),
