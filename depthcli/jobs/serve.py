@@ -35,7 +35,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
 from depthcli._version import __version__
@@ -48,7 +48,6 @@ from depthcli.io.storage.temporary import temporary_folder
 from depthcli.jobs.image import ImageJob, ImageTask, depth_facts
 from depthcli.jobs.outputs import MapOptions
 
-_LOG = logging.getLogger(__name__)
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _DRAIN_S = 30
 IDLE_S = 75  #: after which silent connections end; nginx and AWS use theirs again for 60 s
@@ -118,27 +117,6 @@ class _Connection(AutoHTTPProtocol):  # type: ignore[misc, valid-type]
             self._check = self.loop.call_later(IDLE_S, self._close_if_idle, request)
 
 
-class _RequestLog:
-    """Logs method, path, status and seconds of each request."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        start_s, status = time.perf_counter(), 0
-
-        async def noted(message: Message) -> None:
-            nonlocal status
-            status = message.get("status", status)
-            await send(message)
-
-        try:
-            await self._app(scope, receive, noted)
-        finally:
-            facts = scope.get("method"), scope.get("path"), status, time.perf_counter() - start_s
-            _LOG.info("%s %s %d in %.3f s", *facts)
-
-
 class DepthServer:
     """The application of a server, for uvicorn or another ASGI server.
 
@@ -181,7 +159,6 @@ class DepthServer:
         self.app: ASGIApp = Starlette(
             routes=routes,
             middleware=[
-                Middleware(_RequestLog),
                 Middleware(
                     CORSMiddleware,
                     allow_origins=origins,
@@ -203,12 +180,12 @@ class DepthServer:
         """
         with temporary_folder():  # each answer is written in one
             pass
+        logging.getLogger("uvicorn.access").parent = logging.getLogger("depthcli")
         config = uvicorn.Config(
             self.app,
             host=host,
             port=port,
             log_config=None,
-            access_log=False,
             server_header=False,
             lifespan="off",
             timeout_keep_alive=IDLE_S,

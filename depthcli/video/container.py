@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, os_errors_as
+from depthcli.io.media import EXR_SUFFIX, HEIF_SUFFIXES, IMAGE_SUFFIXES
 from depthcli.io.storage.paths import read_bytes, regular_size, safe_name
-from depthcli.video.numbering import SINGLE_IMAGE_ADVICE, is_single_image
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -28,6 +28,7 @@ _FORMATS = (
 )
 STREAMED_FORMATS = f"{_FORMATS},hls,rtsp,aac"  #: of an address that the user named
 _LENGTH = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)", re.ASCII)
+_STILLS = {*IMAGE_SUFFIXES, *HEIF_SUFFIXES, EXR_SUFFIX} - {".gif"}
 _ANIMATED = (".avif", ".png")  #: images that FFmpeg may read as a video; of HEIC it reads a tile
 _OPTIONS = {"format_whitelist": _FORMATS, "protocol_whitelist": "file"}
 
@@ -116,7 +117,7 @@ def open_video(
         options = size | {"pixel_format": raw.pixel_format, "framerate": f"{raw.rate}"}
     # FFmpeg does not take an absolute path for a protocol.
     file = source if isinstance(source, InputPipe) else os.path.abspath(source)  # noqa: PTH100 - links stay as named
-    is_image = not isinstance(source, InputPipe) and is_single_image(source.name)
+    is_image = not isinstance(source, InputPipe) and source.suffix.lower() in _STILLS
     container = None
     try:
         with os_errors_as(InputError, f"{source} cannot be read"):
@@ -142,7 +143,8 @@ def open_video(
         if b"ANMF" in read_bytes(source, first=4096):
             advice = "convert it, for example with 'magick a.webp a.gif'"
             raise InputError(f"{source} is an animated WebP, which FFmpeg cannot read", advice)
-        raise InputError(f"{source} is a single image", SINGLE_IMAGE_ADVICE)
+        advice = "or give its sequence as a folder or a pattern such as a.%04d.png"
+        raise InputError(f"{source} is a single image", f"use 'depthcli predict', {advice}")
     raise InputError(
         f"{source} holds no video that can be read: damaged, cut off, without a video stream, "
         "or of a codec that FFmpeg does not have here",

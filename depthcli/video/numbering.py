@@ -13,12 +13,9 @@ from typing import NamedTuple
 from depthcli.errors import InputError, UsageError, os_errors_as
 from depthcli.io.formats.table import READABLE_SUFFIXES
 from depthcli.io.guard import is_own_image
-from depthcli.io.media import EXR_SUFFIX, HEIF_SUFFIXES, IMAGE_SUFFIXES, is_exr, is_image
+from depthcli.io.media import is_exr, is_image
 from depthcli.io.storage.paths import RemotePath, path_of
 
-SINGLE_IMAGE_ADVICE = (
-    "use 'depthcli predict', or give its sequence as a folder or a pattern such as a.%04d.png"
-)
 _NUMBER = re.compile(r"\d+", re.ASCII)
 _LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
 # Seconds since 1970 with decimals, as of TUM, or nanoseconds without leading zeros, as of ROS.
@@ -43,12 +40,6 @@ def is_sequence(path: str | Path) -> bool:
     path = path_of(path)
     with os_errors_as(InputError, f"{path} cannot be read"):
         return path.is_dir() or (is_pattern(path.name) and not path.exists())
-
-
-def is_single_image(name: str) -> bool:
-    """Whether a name has the suffix of an image; a GIF counts as a video."""
-    suffix = PurePath(name).suffix.lower()
-    return suffix != ".gif" and suffix in (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, EXR_SUFFIX)
 
 
 def numbered_name(pattern: str, number: int) -> str:
@@ -157,11 +148,6 @@ def are_times(images: Sequence[NumberedImage]) -> bool:
     return is_fine or (step > 1 and last.number >= _MILLISECONDS)
 
 
-def stamps_a_second(stamp: int) -> int | None:
-    """The unit of a time stamp since 1970, by its digits; None if it is another number."""
-    return {13: 10**3, 16: 10**6, 19: 10**9}.get(len(str(stamp)))
-
-
 def listed_names(folder: Path) -> Iterable[str]:
     """The names in a folder, in the order of their characters; OSError if it has no list."""
     if isinstance(folder, RemotePath):
@@ -200,16 +186,3 @@ def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedImage]:
         f"{folder} holds more than a single image sequence; give one as a pattern: "
         f"{', '.join(patterns)}{more}"
     )
-
-
-def segments_pattern(name: str) -> str:
-    """A pattern for the names of a video's segments: ``a.%04d.mkv`` for ``a.mkv``."""
-    path = PurePath(name)
-    return f"{path.stem}.%04d{path.suffix}"
-
-
-def next_segment(folder: Path, patterns: Iterable[str]) -> int:
-    """The number after the last segment of any of these patterns in a folder; 0 if none."""
-    files = os.listdir(folder) if folder.is_dir() else []  # noqa: PTH208 - names
-    numbers = (number_in(pattern, file) for pattern in patterns for file in files)
-    return max((number + 1 for number in numbers if number is not None), default=0)

@@ -153,9 +153,6 @@ class VideoSource(clock.FrameSource):
         if self._is_read:
             raise UsageError(f"the frames of {self._source} were read", "open it again")
         self._is_read = True
-        return self._frames(span)
-
-    def _frames(self, span: clock.Span) -> Iterator[Frame]:
         for selected in span.selected(self._numbers_and_times()):
             if not selected:
                 continue

@@ -37,7 +37,7 @@ from depthcli.video.audio import AudioTrack
 from depthcli.video.container import LiveStream
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frames import FrameSource, Timing
-from depthcli.video.numbering import base_name, stamps_a_second
+from depthcli.video.numbering import base_name
 from depthcli.video.outputs import (
     DepthFrame,
     SegmentedOutput,
@@ -46,6 +46,8 @@ from depthcli.video.outputs import (
     video_file,
 )
 from depthcli.video.source import open_frames
+
+_STAMPS_A_SECOND = {13: 10**3, 16: 10**6, 19: 10**9}  #: by the digits of times since 1970
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +115,7 @@ class FramePredictor:
             return self.job.run(task), None
         names = self.source.name_numbers
         named = names[number] if names else number
-        stamps = stamps_a_second(named) if names else None
+        stamps = _STAMPS_A_SECOND.get(len(str(named))) if names else None
         try:
             points = self.known.of_frame(
                 named, image.timestamp_s or 0.0, float(self.source.rate), stamps
