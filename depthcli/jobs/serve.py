@@ -12,16 +12,15 @@ import logging
 import mimetypes
 import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from http.client import responses
 from importlib.resources import files
 from io import BytesIO
 from pathlib import PurePath
-from typing import Any, NamedTuple
+from typing import Any
 
 import uvicorn
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, Gauge, Histogram
@@ -77,25 +76,6 @@ class Limits:
     timeout_s: float  #: for one image, with its time in the queue; then the answer is 503
     max_bytes: int  #: of a request's body
     max_pixels: int  #: of an image
-
-
-class Sent(NamedTuple):
-    """The files of a request."""
-
-    image: bytes
-    known: tuple[str, bytes] | None = None  #: name and bytes of known depth; None if there is none
-
-    @contextmanager
-    def known_file(self) -> Iterator[str | None]:
-        """A temporary file of the known depth, of which only the kind is the client's."""
-        if self.known is None:
-            yield None
-            return
-        name, data = self.known
-        with temporary_folder() as folder:
-            path = folder / (_KNOWN + "".join(PurePath(name).suffixes[-2:]).lower())
-            path.write_bytes(data)
-            yield str(path)
 
 
 class _Connection(AutoHTTPProtocol):  # type: ignore[misc, valid-type]
@@ -246,11 +226,11 @@ class DepthServer:
         self._requests.labels(200).inc()
         return answer
 
-    async def _sent(self, request: Request) -> Sent:
-        """The files of a request: an image is the whole body, or a part of a multipart form."""
+    async def _sent(self, request: Request) -> list[tuple[str, bytes]]:
+        """Name and bytes of an image, the whole body or a part of a form, and of known depth."""
         request = type(request)(request.scope, _limited(request.receive, self.limits.max_bytes))
         if "multipart/form-data" not in request.headers.get("content-type", ""):
-            return Sent(await request.body())
+            return [("", await request.body())]
         async with request.form(max_files=2) as form:
             images = [part for name in _IMAGE_FIELDS for part in form.getlist(name)]
             known = form.getlist(_KNOWN)
@@ -258,15 +238,22 @@ class DepthServer:
             if len(images) != 1 or len(known) > 1 or len(parts) < len(form):
                 problem = "the form is not one file named 'image' or 'file', and at most one "
                 raise HTTPException(400, f"{problem}named '{_KNOWN}'; options are in the query")
-            data, *others = [(part.filename or "", await part.read()) for part in parts]
-        return Sent(data[1], *others)
+            return [(part.filename or "", await part.read()) for part in parts]
 
-    def _answer(self, query: tuple[tuple[str, str], ...], sent: Sent) -> Response:
+    def _answer(
+        self, query: tuple[tuple[str, str], ...], sent: Sequence[tuple[str, bytes]]
+    ) -> Response:
         """The encoded depth of an image and what is known of it; runs in a thread."""
-        with sent.known_file() as known:
+        (_, image), *others = sent
+        with temporary_folder() as folder:
+            known = None
+            for name, data in others:  # at most one, of which only the kind is the client's
+                path = folder / (_KNOWN + "".join(PurePath(name).suffixes[-2:]).lower())
+                path.write_bytes(data)
+                known = str(path)
             options = self._parse(query, known)
             limited = replace(options, max_pixels=self.limits.max_pixels)
-            frame, points = limited.read(None, sent.image, "the request"), options.known_points()
+            frame, points = limited.read(None, image, "the request"), options.known_points()
         job, body = ImageJob(Pipeline(self.session, options.detail), options.writing), BytesIO()
         done = job.run(ImageTask(frame, options.camera, points, {options.format: body}))
         warnings = map(_named_as_in_query, (*self.session.warnings, *done.warnings))
