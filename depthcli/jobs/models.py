@@ -341,16 +341,12 @@ class Answers(NamedTuple):
     output: str | None = None  #: name of the output that is the depth map
 
 
-class NewCard(NamedTuple):
-    """A card that was written."""
-
-    path: Path  #: the file
-    guesses: tuple[str, ...]  #: what to check, one line each
-
-
-def new_card(model: Path, out: Path | None, answers: Answers, *, overwrite: bool) -> NewCard:
+def new_card(
+    model: Path, out: Path | None, answers: Answers, *, overwrite: bool
+) -> tuple[Path, list[str]]:
     """Write a card for an ONNX file, by default ``NAME.card.json`` beside it.
 
+    Returns its path, and guesses to check, one line each.
     UsageError if several outputs could be the depth map, ModelError if the file is no network of
     images.
     """
@@ -411,7 +407,7 @@ def new_card(model: Path, out: Path | None, answers: Answers, *, overwrite: bool
     path = out or model.with_name(model.stem + catalog.CARD_SUFFIX)
     with atomic.atomic_path(path, guard=Guard.of([model], overwrite=overwrite)) as temporary:
         temporary.write_text(text, "utf-8")
-    return NewCard(path, tuple(guesses))
+    return path, guesses
 
 
 def _session(model: Path) -> ort.InferenceSession:

@@ -118,7 +118,9 @@ class DepthServer:
         origins: Sequence[str] = (),
         parameters: Sequence[dict[str, Any]] = (),
     ) -> None:
-        self._openapi = _openapi(parameters)
+        self._openapi = json.loads(_FILES.joinpath("openapi.json").read_text("utf-8"))
+        self._openapi["info"]["version"] = __version__
+        self._openapi["paths"]["/predict"]["post"]["parameters"] = [*parameters]
         self.session, self.limits, self.token = session, limits, token
         self._parse = lru_cache(_MOST_PARSED)(parse)  # clients repeat their options
         self._pool = ThreadPoolExecutor(limits.workers)
@@ -281,14 +283,6 @@ class DepthServer:
             facts |= {"type": "about:blank", "detail": error.detail}
             return JSONResponse(facts, error.status_code, error.headers, _PROBLEM)
         return PlainTextResponse(f"{error.detail}\n", error.status_code, error.headers)
-
-
-def _openapi(parameters: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The description of the server for programs: OpenAPI 3.1."""
-    description: dict[str, Any] = json.loads(_FILES.joinpath("openapi.json").read_text("utf-8"))
-    description["info"]["version"] = __version__
-    description["paths"]["/predict"]["post"]["parameters"] = [*parameters]
-    return description
 
 
 def _named_as_in_query(text: str) -> str:

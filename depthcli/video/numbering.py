@@ -21,11 +21,9 @@ _LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
 # Seconds since 1970 with decimals, as of TUM, or nanoseconds without leading zeros, as of ROS.
 _SECONDS = re.compile(r"(?<!\d)(1\d{9})([._])(\d{1,9})$", re.ASCII)
 _NANOSECONDS, _DECIMALS = 8, 5  # digits of most; shorter ones may be numbers of frames
-_SHORT = 4  #: numbers with fewer digits and no leading zero are taken as not padded
 # Before a digit, as in "take #2", # is no placeholder.
 _PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(#+)(?![#\d])", re.ASCII)
 _SEPARATORS = "._- "
-_LISTED = 4  #: most patterns that an error lists
 _TIME_STEP, _LEAST_TIME = 1000, 100_000  # microseconds of 10 to 30 images a second are far above
 _MILLISECONDS = 10**12  # since 1970, of the year 2001
 
@@ -65,17 +63,6 @@ def times_ns(stems: Sequence[str]) -> list[int]:
     if len(times) < len(stems) or not is_time:
         return []
     return [int(s + (p.zfill(9) if has_nanoseconds else p.ljust(9, "0"))) for s, _, p in times]
-
-
-def pattern_of(stem: str) -> str | None:
-    """A pattern that a name without suffix fits: ``p.####`` for ``p.0001``; None without number."""
-    match = _LAST_NUMBER.fullmatch(stem)
-    if match is None:
-        return None
-    start, digits, end = match.groups()
-    is_padded = len(digits) >= _SHORT or str(int(digits)) != digits
-    pattern = start + ("#" * len(digits) if is_padded else "%d") + end
-    return pattern if is_pattern(pattern) else None
 
 
 def base_name(stem: str) -> str:
@@ -177,12 +164,6 @@ def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedImage]:
     steps = (min(b.number - a.number for a, b in pairwise(sequence)) for sequence in sequences)
     if not sequences or (len(texts) == 1 and all(step > 1 for step in steps)):
         return [NumberedImage(number, path) for number, path in enumerate(paths)]
-    patterns = []
-    for sequence in sequences[:_LISTED]:
-        path = min((image.path for image in sequence), key=lambda path: len(path.name))
-        patterns.append(f"'{path.with_name((pattern_of(path.stem) or path.stem) + path.suffix)}'")
-    more = f" and {len(sequences) - _LISTED} more" if len(sequences) > _LISTED else ""
-    raise UsageError(
-        f"{folder} holds more than a single image sequence; give one as a pattern: "
-        f"{', '.join(patterns)}{more}"
-    )
+    firsts = " and ".join(sequence[0].path.name for sequence in sequences[:2])
+    problem = f"{folder} holds more than a single image sequence, those of {firsts} for example"
+    raise UsageError(problem, "give one as a pattern such as plate.####.png")

@@ -30,6 +30,7 @@ from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
 from depthcli.io.manifest import CacheKey
 from depthcli.io.storage.paths import RemotePath
+from depthcli.jobs.batch.plan import holds_many
 from depthcli.jobs.batch.tasks import BatchResult, BatchTask
 from depthcli.jobs.batch.workers import Chunks, ImageWorker, Record, VideoWorker, WorkerSpec
 
@@ -39,13 +40,12 @@ class Call:
     """One request to a worker: chunks of images, or a video."""
 
     chunks: tuple[Sequence[BatchTask], ...]
-    is_video: bool = False  #: whether they are one video
     lost_workers: int = 0  #: workers that died with it
 
     def split(self) -> Iterator[Call]:
         """One call for each input, after its worker was lost."""
         for task in chain(*self.chunks):
-            yield Call(((task,),), self.is_video, self.lost_workers + 1)
+            yield Call(((task,),), self.lost_workers + 1)
 
     @property
     def task(self) -> BatchTask:
@@ -80,7 +80,7 @@ class RemoteWorker:
 
     def work(self, call: Call) -> list[BatchResult]:
         """Process the inputs of a call."""
-        if call.is_video:
+        if holds_many(call.task.input.name):
             return [VideoWorker(self._worker, self._cpus, NO_PROGRESS).work(call.task)]
         return [result for chunk in call.chunks for result in self._worker.work(chunk)]
 
@@ -241,7 +241,7 @@ class RayEngine:
         pool = WorkerPool(self._ray, lambda: worker.remote(spec, here, self._cpus), self._poll)
         rest = iter(chunks)
         groups = iter(lambda: tuple(islice(rest, _CHUNKS_PER_CALL)), ())
-        calls = chain(map(Call, groups), (Call(((task,),), is_video=True) for task in videos))
+        calls = chain(map(Call, groups), (Call(((task,),)) for task in videos))
         try:
             for results in pool.results(calls, self._workers):
                 record(results)

@@ -34,7 +34,7 @@ from depthcli.io.formats.table import Format
 from depthcli.io.manifest import CacheKey, KnownDepthEntry, output_entry
 from depthcli.io.media import is_archive, is_bag
 from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.paths import local_copy, path_of, read_bytes
+from depthcli.io.storage.paths import local_copy, path_of, read_bytes, regular_size
 from depthcli.io.stored.metadata import camera_text
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask, failure_reason
@@ -266,11 +266,8 @@ def video_checksum(task: BatchTask, path: Path, options: BatchOptions) -> str:
         raise InputError(f"{path} is {kind}, which no format holds", "add {format} png16")
     if options.anchors and not (is_bag(task.input.name) and options.topic):
         raise InputError(f"{path} is {kind}, to which anchors do not apply")
-    if not path.is_file():
-        raise InputError(f"{path} is missing, or no file")
     with os_errors_as(InputError, f"{path} cannot be read"):
-        if not path.stat().st_size:  # also of /proc/kmsg, which could be read without end
-            raise InputError(f"{path} is empty")
+        regular_size(path)  # no pipe, which may never end
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
