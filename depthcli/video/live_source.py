@@ -52,15 +52,6 @@ def _opened(stream: LiveStream, number: int | None) -> tuple[InputContainer, Vid
     raise UsageError(f"{stream} has {len(streams)} video streams", option="stream")
 
 
-@dataclass(frozen=True, slots=True)
-class LiveFrame:
-    """A decoded frame."""
-
-    image: VideoFrame  #: as FFmpeg decoded it
-    number: int  #: among all frames that came, from 0
-    time_s: float  #: of its arrival, by the monotonic clock
-
-
 @dataclass(slots=True)
 class LiveCounts:
     """Numbers about a stream so far."""
@@ -99,7 +90,8 @@ class LiveSource(FrameSource):
         self._stream, self._number = stream, number
         self._pixel_aspect: Fraction | None = None
         self._news = threading.Condition()
-        self._newest: LiveFrame | None = None
+        #: number among all frames that came, monotonic time of its arrival in seconds, image
+        self._newest: tuple[int, float, VideoFrame] | None = None
         self._error: BaseException | None = None
         self._has_ended = False
         # A daemon, as FFmpeg may wait for data of a stream that is not wanted any more.
@@ -107,7 +99,7 @@ class LiveSource(FrameSource):
         first = self._next()
         if first is None:
             raise InputError(f"{stream} ended before its first frame")
-        image = first.image
+        image = first[2]
         check_pixel_count(str(stream), image.width, image.height, max_pixels)
         self._first = first
         self._converter = FrameConverter(image, self._pixel_aspect, options)
@@ -115,12 +107,9 @@ class LiveSource(FrameSource):
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Convert the newest frame whenever one is asked for; as of :class:`FrameSource`."""
-        for selected in span.selected(self._numbers_and_times(), is_live=True):
-            if not selected:
-                continue
-            number, image = self._current.number, self._current.image
+        for number, time_s, image in span.select(self._timed(), is_live=True):
             try:
-                frame = self._converter.image(image, number, self._time_s)
+                frame = self._converter.image(image, number, time_s)
             except InputError as error:
                 self.problem = str(error)
                 break
@@ -128,20 +117,20 @@ class LiveSource(FrameSource):
             yield frame
         self._stream.stop.set()
 
-    def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
-        frame: LiveFrame | None = self._first
-        ticks = -1
+    def _timed(self) -> Iterator[tuple[int, Fraction, VideoFrame]]:
+        frame: tuple[int, float, VideoFrame] | None = self._first
+        ticks, first_s = -1, self._first[1]
         while frame is not None:
-            ticks = max(ticks + 1, round((frame.time_s - self._first.time_s) / float(_TICK_S)))
-            self._current, self._time_s = frame, ticks * _TICK_S
-            yield frame.number, self._time_s
+            number, now_s, image = frame
+            ticks = max(ticks + 1, round((now_s - first_s) / float(_TICK_S)))
+            yield number, ticks * _TICK_S, image
             frame = self._next()
 
     def close(self) -> None:
         """Stop the stream."""
         self._stream.stop.set()
 
-    def _next(self) -> LiveFrame | None:
+    def _next(self) -> tuple[int, float, VideoFrame] | None:
         """Wait for a frame that was not returned yet; None when the stream ended or was stopped."""
         stop = self._stream.stop
         with self._news:
@@ -208,7 +197,7 @@ class LiveSource(FrameSource):
                     self._stream.say(f"{self._stream} is back")
                 with self._news:
                     self.counts.dropped += self._newest is not None
-                    self._newest = LiveFrame(frame, self.counts.received, time.monotonic())
+                    self._newest = self.counts.received, time.monotonic(), frame
                     self.counts.received += 1
                     self._news.notify()
             if self._stream.pipe is not None:

@@ -45,7 +45,6 @@ from depthcli.video.formats import (
 from depthcli.video.frames import Timing, rate_text, time_code_label
 from depthcli.video.numbering import numbered_name
 
-_SEQUENCE_ADVICE = "choose an image sequence with {format} png16 or exr"
 _REFUSALS = (av.ArgumentError, av.ExternalError, av.UndefinedError, NotImplementedError)  # of sizes
 _BT709 = 1
 _KEYFRAME_INTERVAL_S = 2
@@ -186,8 +185,6 @@ class VideoFile(VideoOutput):
             layout = _FRAGMENTS if is_pipe else "+faststart"
             ticks = str(self._timing.time_base.denominator)
             options |= {"movflags": layout, "video_track_timescale": ticks}
-        if not isinstance(target, OutputPipe):
-            target.touch()  # problems with the folder are reported before the work begins
         file = target if is_pipe else str(target)
         container = av.open(file, "w", format=name, container_options=options)
         container.metadata.update(labels)
@@ -230,7 +227,8 @@ class VideoFile(VideoOutput):
         except _REFUSALS as error:
             size = f"{frame.width}×{frame.height}"
             problem = f"no {self._codec} video of {size} pixels can be written"
-            raise OutputError(problem, _SEQUENCE_ADVICE) from error
+            advice = "choose an image sequence with {format} png16 or exr"
+            raise OutputError(problem, advice) from error
         if self._codec == PreviewCodec.AV1:
             _leave_real_time()
 

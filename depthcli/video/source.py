@@ -116,7 +116,7 @@ class VideoSource(clock.FrameSource):
         if first is None:
             problem = f"{source} holds no frame that can be decoded: it is damaged"
             raise InputError(problem, pipe_advice(self._source))
-        self._current, self._is_read = first, False
+        self._first, self._is_read = first, False
         self._converter = FrameConverter(first, chosen.sample_aspect_ratio, options)
         self.width, self.height = self._converter.width, self._converter.height
         self.warnings += self._converter.warnings
@@ -153,13 +153,11 @@ class VideoSource(clock.FrameSource):
         if self._is_read:
             raise UsageError(f"the frames of {self._source} were read", "open it again")
         self._is_read = True
-        for selected in span.selected(self._numbers_and_times()):
-            if not selected:
-                continue
-            place, code = self._timeline, self._time_code
-            since_first = round(place.time_s * self.rate)
+        code = self._time_code
+        for index, time_s, image in span.select(self._timed()):
+            since_first = round(time_s * self.rate)
             try:
-                frame = self._converter.image(self._current, place.index, place.time_s)
+                frame = self._converter.image(image, index, time_s)
             except InputError as error:
                 self.problem = str(error)
                 return
@@ -177,16 +175,15 @@ class VideoSource(clock.FrameSource):
         self._is_closed = True
         self._container.close()
 
-    def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
-        """Number and time of each frame, while it is the current one."""
-        frame: VideoFrame | None = self._current
+    def _timed(self) -> Iterator[tuple[int, Fraction, VideoFrame]]:
+        """Number, time in seconds and image of each frame."""
+        frame: VideoFrame | None = self._first
         while frame is not None:
-            self._current = frame
             ticks = self._ticks(frame)
             self._timeline.has_gaps = self._decoder.has_gaps
-            place = self._timeline.add(ticks, self._decoder.pop_failed(ticks))
+            index, time_s = self._timeline.add(ticks, self._decoder.pop_failed(ticks))
             self._report_lost()
-            yield place
+            yield index, time_s, frame
             if self._is_closed:  # FFmpeg would read freed memory
                 raise UsageError(f"{self._source} is closed", "read its frames before that")
             frame = self._decoder.next()
@@ -352,34 +349,31 @@ class ImageSequence(clock.FrameSource):
     def _readable(self, span: clock.Span) -> Iterator[Frame]:
         """The images of a span that can be read."""
         unreadable = list[int]()
-        for file, is_wanted in zip(self._files, self._selected(span), strict=False):
+        for number, time_s, path in span.select(self._timed()):
             try:
-                if is_wanted:
-                    yield self._read(file)
+                yield self._read(number, time_s, path)
             except InputError as error:
-                unreadable.append(file.number)
+                unreadable.append(number)
                 problem = f"{len(unreadable)} of its images cannot be read ({_listed(unreadable)})"
                 self.problem = f"{problem}, the last of them: {error}"
 
-    def _selected(self, span: clock.Span) -> Iterator[bool]:
-        """Whether each image is in a span."""
-        return span.selected((file.number, self._time_s(file)) for file in self._files)
+    def _timed(self) -> Iterator[tuple[int, Fraction, Path]]:
+        """Number, time in seconds and file of each image."""
+        first = self._files[0].number
+        return ((number, (number - first) / self.rate, path) for number, path in self._files)
 
     def count(self, span: clock.Span) -> int:
         """Number of images in a span."""
-        return sum(self._selected(span))
+        return sum(1 for _ in span.select(self._timed()))
 
-    def _time_s(self, file: NumberedImage) -> Fraction:
-        return (file.number - self._files[0].number) / self.rate
-
-    def _read(self, file: NumberedImage) -> Frame:
+    def _read(self, number: int, time_s: Fraction, path: Path) -> Frame:
         limit, options = self._max_pixels, self._options
-        if is_exr(file.path.name):
+        if is_exr(path.name):
             overscan = self._overscan
-            image = read_exr_image(file.path, max_pixels=limit, overscan=overscan, options=options)
+            image = read_exr_image(path, max_pixels=limit, overscan=overscan, options=options)
         else:
-            image = read_image(file.path, max_pixels=limit, **options._asdict())
-        return replace(image, index=file.number, timestamp_s=float(self._time_s(file)))
+            image = read_image(path, max_pixels=limit, **options._asdict())
+        return replace(image, index=number, timestamp_s=float(time_s))
 
     def _warnings(self, *, is_timed: bool) -> Iterator[str]:
         if not is_timed:
