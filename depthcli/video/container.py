@@ -210,8 +210,7 @@ def live_stream(
 
     That is a camera by its number or device, and an address of RTSP or an HLS playlist; with
     ``is_live``, standard input (``-``, of frames as ``raw`` states) and any address of HTTP, which
-    are files otherwise. UsageError if a file is to be live, or this system's cameras cannot be
-    read.
+    are files otherwise. UsageError if a file is to be live.
     """
     if name == "-" and is_live:
         # Unbuffered, as a thread that waits for a buffer would keep the process from ending.
@@ -220,8 +219,6 @@ def live_stream(
     is_camera = _DEVICE.fullmatch(name) or (name.isdecimal() and not Path(name).exists())
     if is_camera:
         reader = _CAMERA_FORMATS.get(sys.platform)
-        if reader is None:
-            raise UsageError(f"{name}: cameras can be read on Linux and macOS only")
         device = f"/dev/video{name}" if name.isdecimal() and reader == "v4l2" else name
         return LiveStream(device, reader, say=say)
     if _PLAYLIST.match(name) or (_ADDRESS.match(name) and (is_live or name[:4].lower() == "rtsp")):

@@ -137,9 +137,6 @@ def _camera_warnings(
             f"{source} has no camera for {unmatched} of {inputs} inputs; their focal lengths are "
             "those in EXIF, or assumed"
         )
-    if unused:
-        example = f"match no input, for example {short_repr(unused[0])}"
-        yield f"{len(unused)} of {rows} rows of {source} {example}"
 
 
 def _check_any(skipped: Sequence[listing.Skipped], where: str) -> None:

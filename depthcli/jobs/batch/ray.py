@@ -32,7 +32,7 @@ from depthcli.io.manifest import CacheKey
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.batch.plan import holds_many
 from depthcli.jobs.batch.tasks import BatchResult, BatchTask
-from depthcli.jobs.batch.workers import Chunks, ImageWorker, Record, VideoWorker, WorkerSpec
+from depthcli.jobs.batch.workers import Chunks, Record, Worker, WorkerSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Call:
 class RemoteWorker:
     """A worker process on a cluster."""
 
-    _worker: ImageWorker
+    _worker: Worker
 
     def __init__(self, spec: WorkerSpec, folder: str, cpus: float) -> None:
         """Store the arguments; :meth:`start` loads the model, so that its errors are received."""
@@ -81,7 +81,7 @@ class RemoteWorker:
     def work(self, call: Call) -> list[BatchResult]:
         """Process the inputs of a call."""
         if holds_many(call.task.input.name):
-            return [VideoWorker(self._worker, self._cpus, NO_PROGRESS).work(call.task)]
+            return [self._worker.work_many(call.task, self._cpus, NO_PROGRESS)]
         return [result for chunk in call.chunks for result in self._worker.work(chunk)]
 
 

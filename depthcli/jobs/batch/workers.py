@@ -58,8 +58,8 @@ class _OpenedImage(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class ImageWorker:
-    """Processes images; thread-safe."""
+class Worker:
+    """Processes images, videos and archives of images; thread-safe."""
 
     options: BatchOptions  #: how each image is processed
     out: Path  #: the output folder
@@ -126,41 +126,37 @@ class ImageWorker:
             anchors=anchors,
         )
 
+    def work_many(self, task: BatchTask, workers: int, progress: Progress) -> BatchResult:
+        """Process one video, or one archive of images, with ``workers`` frames in parallel.
 
-@dataclass(frozen=True, slots=True)
-class VideoWorker:
-    """Processes videos and archives of images."""
-
-    images: ImageWorker  #: the worker for images, with the same model and options
-    workers: int  #: frames processed in parallel
-    progress: Progress  #: advanced for each frame
-
-    def work(self, task: BatchTask) -> BatchResult:
-        """Process one video, or one archive; raises as :meth:`ImageWorker.work` does."""
-        start_s, sha256, images = time.perf_counter(), None, self.images
+        ``progress`` is advanced for each frame. Raises as :meth:`work` does.
+        """
+        start_s, sha256 = time.perf_counter(), None
         try:
             with local_copy(task.input.readable_path()) as source:
-                sha256 = video_checksum(task, source, images.options)
-                row = task.reusable_row(images.out, sha256, images.key)
+                sha256 = video_checksum(task, source, self.options)
+                row = task.reusable_row(self.out, sha256, self.key)
                 if row is not None:
                     return BatchResult(row, is_kept=True)
-                task.check_outputs(overwrite=images.options.overwrite)
+                task.check_outputs(overwrite=self.options.overwrite)
                 if is_archive(task.input.name):
-                    facts = self._write_archive(task, source)
+                    facts = self._write_archive(task, source, workers, progress)
                 else:
-                    facts = self._write_video(task, source, sha256)
-                return task.result(images.key, start_s, sha256, **facts)
+                    facts = self._write_video(task, source, sha256, workers, progress)
+                return task.result(self.key, start_s, sha256, **facts)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
-            check_network(error, images.job.pipeline.session)
-            return task.failed_result(error, images.key, start_s, sha256)
+            check_network(error, self.job.pipeline.session)
+            return task.failed_result(error, self.key, start_s, sha256)
 
-    def _write_archive(self, task: BatchTask, source: Path) -> dict[str, Any]:
+    def _write_archive(
+        self, task: BatchTask, source: Path, workers: int, progress: Progress
+    ) -> dict[str, Any]:
         """Write the outputs of an archive's images into one; returns fields of its row."""
         # Seldom needed.
         from depthcli.io.archives import archive_writer, members  # noqa: PLC0415
         from depthcli.io.bags import bag_members, bag_writer  # noqa: PLC0415
 
-        options, (path,) = self.images.options, task.outputs.values()
+        options, (path,) = self.options, task.outputs.values()
         is_ros, writing = is_bag(task.input.name), options.writing
         if is_ros and (writing.is_normalized or writing.units_per_metre != MILLIMETRES):
             raise InputError("depth in a bag is in millimetres", "leave out {png_scale}")
@@ -169,19 +165,19 @@ class VideoWorker:
         else:
             images, open_writer = members(source, options.column), archive_writer
         failed, warned, first, count = list[str](), dict[str, None](), None, 0
-        stage = self.progress.begin(task.input.name, None, "images")
+        stage = progress.begin(task.input.name, None, "images")
 
         def work(member: Member) -> tuple[Member, _Files | Exception]:
             try:
                 return member, self._member_files(member, options.camera.of_image(task.intrinsics))
             except Exception as error:  # noqa: BLE001 - no image may stop the others
-                check_network(error, self.images.job.pipeline.session)
+                check_network(error, self.job.pipeline.session)
                 return member, error
 
         with (
             atomic_path(path) as temporary,
             open_writer(temporary, options.formats) as write,
-            closing(ordered_map(work, images, workers=self.workers)) as done,
+            closing(ordered_map(work, images, workers=workers)) as done,
         ):
             for count, (member, image) in enumerate(done, start=1):  # noqa: B007 - the last one
                 stage(1)
@@ -196,7 +192,7 @@ class VideoWorker:
             if count == len(failed):
                 raise InputError(failed[0] if failed else f"{source} holds no image")
         return {
-            "outputs": (output_entry(self.images.out, path),),
+            "outputs": (output_entry(self.out, path),),
             "error": f"{len(failed)} of {count} images failed, the first: {failed[0]}"
             if failed
             else None,
@@ -207,26 +203,28 @@ class VideoWorker:
     def _member_files(self, member: Member, camera: Intrinsics) -> _Files:
         if member.data is None:
             raise InputError("holds no image")
-        options, has_focal = self.images.options, camera.has_focal
+        options, has_focal = self.options, camera.has_focal
         if member.camera and not has_focal:  # options come before the bag
             camera = camera.of_image(member.camera)
         frame = options.read(Path(member.name), member.data)
         streams = {format_: BytesIO() for format_ in options.formats}
         points = options.points_of(member.origin, camera)
-        done = self.images.job.run(ImageTask(frame, camera, points, streams))
+        done = self.job.run(ImageTask(frame, camera, points, streams))
         if member.origin and not done.depth.is_metric:
             raise InputError("depth in a bag is in metres", "choose a metric {model}")
         warnings = () if has_focal else camera.warnings
         files = {format_: stream.getvalue() for format_, stream in streams.items()}
         return files, camera_text(done.depth), (*warnings, *done.named_warnings(member.name))
 
-    def _write_video(self, task: BatchTask, source: Path, sha256: str) -> dict[str, Any]:
+    def _write_video(
+        self, task: BatchTask, source: Path, sha256: str, workers: int, progress: Progress
+    ) -> dict[str, Any]:
         """Write the outputs of a video; returns fields of its row."""
         # PyAV takes 60 ms to load, which a batch of images does not need.
         from depthcli.jobs.video.plan import VideoPlan, VideoRequest, VideoSettings  # noqa: PLC0415
         from depthcli.jobs.video.stages import write_video  # noqa: PLC0415
 
-        options, out, name = self.images.options, self.images.out, task.input.name
+        options, out, name = self.options, self.out, task.input.name
         settings = VideoSettings(
             writing=options.writing,
             camera=options.camera.of_image(task.intrinsics),
@@ -243,7 +241,7 @@ class VideoWorker:
             VideoRequest(name, settings=settings, overwrite=overwrite),
             sha256=sha256,
         )
-        done = write_video(plan, self.images.job.pipeline, self.workers, self.progress)
+        done = write_video(plan, self.job.pipeline, workers, progress)
         files = _output_files(task.outputs, done.numbers)
         return {
             "outputs": tuple(output_entry(out, path) for path in files),
@@ -281,7 +279,7 @@ class WorkerSpec:
     options: BatchOptions  #: how each input is processed
     out: Path  #: the output folder
 
-    def build(self, session: Session | None = None) -> ImageWorker:
+    def build(self, session: Session | None = None) -> Worker:
         """Build the worker in this process; ModelError if the model is another one here."""
         session = session or self.model.load()
         if session.model.sha256 != self.model_sha256:
@@ -291,7 +289,7 @@ class WorkerSpec:
                 "copy that one here",
             )
         job = ImageJob(Pipeline(session, self.options.detail), self.options.writing)
-        return ImageWorker(self.options, self.out, self.key(session), job)
+        return Worker(self.options, self.out, self.key(session), job)
 
     def key(self, session: Session) -> CacheKey:
         """Fingerprint of the options, model and version that outputs are made with."""
@@ -361,7 +359,7 @@ class LocalEngine:
             for results in done:
                 yield from results
         for task in videos:
-            result = VideoWorker(worker, self.workers, self.progress).work(task)
+            result = worker.work_many(task, self.workers, self.progress)
             record((result,))
             yield result
 
@@ -383,7 +381,7 @@ class WorkerProcesses:
     time in a process, so that each thread would need a model of its own.
     """
 
-    def __init__(self, spec: WorkerSpec, workers: int, count: int, here: ImageWorker) -> None:
+    def __init__(self, spec: WorkerSpec, workers: int, count: int, here: Worker) -> None:
         """Start ``count`` processes with as many threads in all as there are workers.
 
         They stop when the session of the worker of this process is stopped.
@@ -420,7 +418,7 @@ class WorkerProcesses:
             process.terminate()
 
     def work(self, chunk: Sequence[BatchTask]) -> list[BatchResult]:
-        """Process some images, as :meth:`ImageWorker.work` does, by a process that is free.
+        """Process some images, as :meth:`Worker.work` does, by a process that is free.
 
         EngineError if the process ends meanwhile.
         """
@@ -454,7 +452,7 @@ def _serve(spec: WorkerSpec, ends: Sequence[Connection]) -> None:
             thread.join()
 
 
-def _answer(end: Connection, loading: Background[ImageWorker]) -> None:
+def _answer(end: Connection, loading: Background[Worker]) -> None:
     with end, suppress(EOFError, OSError):  # the other end is closed
         while True:
             chunk = end.recv()
