@@ -15,7 +15,7 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, TypeAlias
 
 from depthcli.core.options import GPU_BATCH, SceneLayout
 from depthcli.core.parallel import share_cores
@@ -30,13 +30,13 @@ from depthcli.io.formats.png16 import read_metadata
 from depthcli.io.formats.table import Format
 from depthcli.io.guard import Guard
 from depthcli.io.images.read import check
-from depthcli.io.manifest import WHOLE, CacheKey, Journal, ManifestRow, known_rows
+from depthcli.io.manifest import WHOLE, Journal, ManifestRow, known_rows
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import local_copy, read_bytes, safe_name
 from depthcli.io.storage.temporary import remove_stale
 from depthcli.io.stored.metadata import SOFTWARE, UINT16_MAX
 from depthcli.jobs.batch.plan import BatchPlan, holds_many
-from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask, TaskBuilder
+from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, TaskBuilder
 from depthcli.jobs.batch.workers import (
     Engine,
     LocalEngine,
@@ -196,42 +196,33 @@ class Batch(Iterator[BatchResult]):
             remove_stale(folder)
 
 
-@dataclass(frozen=True, slots=True)
-class DryRunResult:
-    """Plan for an input of a dry run."""
-
-    input: str  #: its name
-    would: Literal["do", "keep", "fail"]  #: process it, keep its valid outputs, or fail
-    outputs: tuple[Path, ...]  #: paths of its outputs
-    error: str | None = None  #: why it would fail; None if it would not
+DryRun: TypeAlias = tuple[str, str, tuple[Path, ...], str | None]
+"""What a batch would do with an input (do, keep or fail), its name, its outputs, and why."""
 
 
-def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRunResult]:
+def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRun]:
     """Yield the plan for each input, in order; UsageError if an output would replace an input."""
-    plan, options = request.plan, request.options
-    TaskBuilder(plan, options).check_conflicts()
-    key = WorkerSpec(request.model, session.model.sha256, options, plan.out).key(session)
-    rows = known_rows(plan.out, plan.shard, plan.names.names)
-    tasks = TaskBuilder(plan, options, rows)
-    return (_dry_run_of(tasks.task(file), request, key) for file in plan.inputs)
-
-
-def _dry_run_of(task: BatchTask, request: BatchRequest, key: CacheKey) -> DryRunResult:
-    out, options, file = request.plan.out, request.options, task.input
-    try:
-        if holds_many(file.name):
-            with local_copy(file.readable_path()) as source:
-                row = task.reusable_row(out, video_checksum(task, source, options), key)
-        else:
-            data = read_bytes(file.readable_path())
-            check(data, safe_name(file.path), options.max_pixels)
-            points = options.points_for(task)
-            row = task.reusable_row(out, hashlib.sha256(data).hexdigest(), key, points)
-        if row is None:
-            task.check_outputs(overwrite=options.overwrite)
-    except (InputError, OutputError) as error:
-        return DryRunResult(file.name, "fail", tuple(task.outputs.values()), error.message)
-    return DryRunResult(file.name, "keep" if row else "do", tuple(task.outputs.values()))
+    plan, options, out = request.plan, request.options, request.plan.out
+    tasks = TaskBuilder(plan, options, known_rows(out, plan.shard, plan.names.names))
+    tasks.check_conflicts()
+    key = WorkerSpec(request.model, session.model.sha256, options, out).key(session)
+    for task in map(tasks.task, plan.inputs):
+        file, row, problem = task.input, None, None
+        try:
+            if holds_many(file.name):
+                with local_copy(file.readable_path()) as source:
+                    row = task.reusable_row(out, video_checksum(task, source, options), key)
+            else:
+                data = read_bytes(file.readable_path())
+                check(data, safe_name(file.path), options.max_pixels)
+                points = options.points_for(task)
+                row = task.reusable_row(out, hashlib.sha256(data).hexdigest(), key, points)
+            if row is None:
+                task.check_outputs(overwrite=options.overwrite)
+        except (InputError, OutputError) as error:
+            problem = error.message
+        would = "fail" if problem else "keep" if row else "do"
+        yield would, file.name, tuple(task.outputs.values()), problem
 
 
 DEPTH_PARAMS, TRANSFORMS = "depth_params.json", "transforms.json"
