@@ -50,6 +50,7 @@ class FrameDecoder:
     """The frames that can be decoded, in display order.
 
     Attributes:
+        frames: an iterator of them; ``opaque`` is the number that a frame's packet states.
         ended_early: whether reading stopped at an error or within a packet; valid at the end.
         has_gaps: whether the container marked a packet beside which data may be missing.
     """
@@ -77,11 +78,7 @@ class FrameDecoder:
         if stream.metadata.get("alpha_mode") == "1" and with_alpha in av.codecs_available:
             self._context = cast("VideoCodecContext", av.CodecContext.create(with_alpha, "r"))
         self._packets = container.demux(stream)
-        self._frames = self._decoded()
-
-    def next(self) -> VideoFrame | None:
-        """The next frame; ``opaque`` is the number that its packet states. None at the end."""
-        return next(self._frames, None)
+        self.frames = self._decoded()
 
     def pop_failed(self, before: int | None = None) -> int:
         """Number of frames that could not be decoded since the last call, up to a time in ticks."""

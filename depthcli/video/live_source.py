@@ -187,7 +187,7 @@ class LiveSource(FrameSource):
             # HLS comes in parts of seconds, whose frames would be late all at once.
             is_hls, self._origin_s = container.format.name == _HLS, float("inf")
             decoder, before = FrameDecoder(container, stream), self.counts.received
-            for frame in iter(decoder.next, None):
+            for frame in decoder.frames:
                 if is_hls and frame.time is not None:
                     self._wait_until(frame.time)
                 if self._stream.stop.is_set():

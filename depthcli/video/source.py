@@ -111,7 +111,7 @@ class VideoSource(clock.FrameSource):
         self._focal_mm = focal_lengths(self._path, self._container)
         self._time_code = clock.header_time_code(self._container, chosen, self.rate)
         self._decoder = FrameDecoder(self._container, chosen, is_own=self.is_own_depth)
-        first = self._decoder.next()
+        first = next(self._decoder.frames, None)
         self._check_pipe()
         if first is None:
             problem = f"{source} holds no frame that can be decoded: it is damaged"
@@ -186,7 +186,7 @@ class VideoSource(clock.FrameSource):
             yield index, time_s, frame
             if self._is_closed:  # FFmpeg would read freed memory
                 raise UsageError(f"{self._source} is closed", "read its frames before that")
-            frame = self._decoder.next()
+            frame = next(self._decoder.frames, None)
             self._check_pipe()
         self._check_end()
 

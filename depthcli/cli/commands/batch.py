@@ -239,10 +239,10 @@ def _scene_formats(output: OutputOptions, how: dict[str, Any]) -> tuple[Format, 
         return ()
     if output.formats or not how["anchors"]:
         raise UsageError("", "{layout} is for {anchors}, and without {format}, which it chooses")
-    from depthcli.jobs.batch.run import format_of, writing_for
+    from depthcli.jobs.batch.plan import scene_format
 
-    how["writing"] = writing_for(output.layout, how["writing"])
-    return (format_of(output.layout),)
+    format_, how["writing"] = scene_format(output.layout, how["writing"])
+    return (format_,)
 
 
 def _changes(

@@ -9,8 +9,9 @@ from pathlib import Path
 from threading import Event
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.options import short_repr
+from depthcli.core.options import SceneLayout, short_repr
 from depthcli.errors import InputError, UsageError
+from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.table import Format
 from depthcli.io.guard import is_own_output
 from depthcli.io.listing import folder as listing
@@ -209,6 +210,16 @@ def plan_files(
     )
     where, out = f"the list {paths.safe_name(source)}", paths.without_file_scheme(out)
     return _planned(files, where, out, names_filter, shard, cameras, is_list=True)
+
+
+_FAR_M = 1e9  # whose inverse is 0: an image's scale depends on its nearest pixel alone
+
+
+def scene_format(layout: SceneLayout, writing: WriterOptions) -> tuple[Format, WriterOptions]:
+    """The format of a layout; for 3D Gaussian splatting its options are inverse depth, from 0."""
+    if layout is SceneLayout.COLMAP:
+        return Format.COLMAP, writing
+    return Format.PNG16, replace(writing, png_inverse=True, vmax=writing.vmax or _FAR_M)
 
 
 _SETTLE_S = 1.0

@@ -25,9 +25,7 @@ from depthcli.errors import InputError, OutputError, UsageError, os_errors_as
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.session import CPU, Session
 from depthcli.inference.transforms import focal_warnings
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.png16 import read_metadata
-from depthcli.io.formats.table import Format
 from depthcli.io.guard import Guard
 from depthcli.io.images.read import check
 from depthcli.io.manifest import WHOLE, Journal, ManifestRow, known_rows
@@ -227,20 +225,7 @@ def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRun]:
 
 DEPTH_PARAMS, TRANSFORMS = "depth_params.json", "transforms.json"
 _READER_STEPS = 2**16  # 3D Gaussian splatting divides by it
-_FAR_M = 1e9  # whose inverse is 0: an image's scale depends on its nearest pixel alone
 _PATHS = ("ply_file_path", "file_path", "mask_path")  # of transforms.json, relative to its folder
-
-
-def format_of(layout: SceneLayout) -> Format:
-    """The format that the programs of a layout read."""
-    return Format.PNG16 if layout is SceneLayout.GSPLAT else Format.COLMAP
-
-
-def writing_for(layout: SceneLayout | None, writing: WriterOptions) -> WriterOptions:
-    """Options of the formats for a layout: inverse depth, from 0, for 3D Gaussian splatting."""
-    if layout is not SceneLayout.GSPLAT:
-        return writing
-    return replace(writing, png_inverse=True, vmax=writing.vmax or _FAR_M)
 
 
 def check_tables(

@@ -22,7 +22,6 @@ from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, Message, about
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.transforms import focal_warnings
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import percentiles
 from depthcli.io.guard import Guard
 from depthcli.io.images.read import undistorted
@@ -375,7 +374,11 @@ def _result(
     is_fitted = bool(settings.anchors) and not report.unfitted
     camera_warnings = () if is_fitted else focal_warnings(pipeline.card, settings.camera)
     of_input = (*source.warnings, *report.warnings, *pipeline.session.warnings, *camera_warnings)
-    of_input += _range_warnings(plan, settings.writing)
+    writing = settings.writing
+    is_ranged = writing.is_normalized and any(kind.facts.range_options for kind in plan.names)
+    if is_ranged and None in {writing.vmin, writing.vmax}:  # so that frames flicker
+        problem = "the range of each frame is its own, so that equal depth has other numbers in "
+        of_input += (Message(f"{problem}another", "give {vmin} and {vmax} for one range"),)
     if report.unfitted:
         problem = f"{len(report.unfitted)} of {len(report.numbers)} frames keep the model's depth"
         of_input += (about(problem, report.unfitted[0]),)
@@ -396,16 +399,6 @@ def _result(
         problem=source.problem,
         live=getattr(source, "counts", None),
     )
-
-
-def _range_warnings(plan: VideoPlan, writing: WriterOptions) -> tuple[str, ...]:
-    """A warning if normalized frames have no range in common, so that they flicker."""
-    ranged = (format_.facts.range_options for format_ in plan.names)
-    are_normalized = writing.is_normalized and any(ranged)
-    if not are_normalized or None not in {writing.vmin, writing.vmax}:
-        return ()
-    problem = "the range of each frame is its own, so that equal depth has other numbers in another"
-    return (Message(problem, "give {vmin} and {vmax} for one range"),)
 
 
 def _no_frames(plan: VideoPlan, source: FrameSource) -> InputError:
