@@ -139,7 +139,13 @@ class WorkerPool:
             self._handle_failed_start(result)
         else:
             self._start_worker()
-            yield from self._handle_lost_worker(call)
+            if call.lost_workers + 1 < _LOSSES:
+                self._waiting.extendleft(call.split())
+            elif self._key is not None:
+                problem = f"{_LOSSES} worker processes ended while it was processed"
+                advice = "it may need more memory than a worker has"
+                error = InputError(f"{call.task.input.path}: {problem}", advice)
+                yield [call.task.failed_result(error, self._key, time.perf_counter(), None)]
 
     def _result(self, future: Hashable) -> object:
         """The result of a future that is done, or the error by which its worker was lost."""
@@ -168,16 +174,6 @@ class WorkerPool:
                 f"{__version__} installed on every machine of the cluster?"
             )
         self._start_worker()
-
-    def _handle_lost_worker(self, call: Call) -> Iterator[Sequence[BatchResult]]:
-        if call.lost_workers + 1 < _LOSSES:
-            self._waiting.extendleft(call.split())
-        elif self._key is not None:
-            error = InputError(
-                f"{call.task.input.path}: {_LOSSES} worker processes ended while it was processed; "
-                "it may need more memory than a worker has"
-            )
-            yield [call.task.failed_result(error, self._key, time.perf_counter(), None)]
 
 
 _CHUNKS_PER_CALL = 8

@@ -257,7 +257,11 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         raise UsageError("frames without a container are read from '-'", option="raw")
     file = None if name == STDIO or request.live is not None else paths.path_of(name)
     if destination.kind is Kind.STDOUT:
-        folder, names = Path(), _stdout_name(destination.wanted)
+        folder, wanted = Path(), destination.wanted
+        if len(wanted) > 1 or wanted[0] in SEQUENCES:
+            problem = f"'-' takes one of mkv, mp4, webm, mov and stereo, not {' and '.join(wanted)}"
+            raise UsageError(problem, "name a folder", option="out")
+        names = {wanted[0]: STDIO}
     else:
         base = destination.path or (Path() if file is None else file.parent)
         if destination.kind in {Kind.BESIDE, Kind.FOLDER}:
@@ -295,10 +299,3 @@ def _segments(
     taken = (numbering.number_in(each, file) for each in segments.values() for file in files)
     first = max((number + 1 for number in taken if number is not None), default=0)
     return {**names, **segments}, first
-
-
-def _stdout_name(formats_: Sequence[VideoFormat]) -> dict[VideoFormat, str]:
-    if len(formats_) > 1 or formats_[0] in SEQUENCES:
-        problem = f"'-' takes one of mkv, mp4, webm, mov and stereo, not {' and '.join(formats_)}"
-        raise UsageError(problem, "name a folder", option="out")
-    return {formats_[0]: STDIO}
