@@ -44,10 +44,6 @@ class Span:
             return rate / self.every.value
         return min(rate, 1 / self.every.value)
 
-    def count(self, frames: int, rate: Fraction) -> int:
-        """Number of frames selected from a video of ``frames`` evenly spaced ones."""
-        return sum(1 for _ in self.select((index, index / rate, None) for index in range(frames)))
-
     def select(
         self, frames: Iterable[tuple[int, Fraction, _Image]], *, is_live: bool = False
     ) -> Iterator[tuple[int, Fraction, _Image]]:
@@ -105,7 +101,10 @@ class FrameSource(ABC):
 
     def count(self, span: Span) -> int | None:
         """Number of frames in a span; None if that is not known."""
-        return None if self.frames_stated is None else span.count(self.frames_stated, self.rate)
+        if self.frames_stated is None:
+            return None
+        evenly = ((index, index / self.rate, None) for index in range(self.frames_stated))
+        return sum(1 for _ in span.select(evenly))
 
     def close(self) -> None:  # noqa: B027 - there may be none
         """Close the files."""

@@ -308,7 +308,7 @@ def test_shards_become_one_manifest(tmp_path: Path, bucket: Bucket, tree: dict[s
     assert len(rows(found.pop("manifest.jsonl"))) == 5
     assert found == tree
     request = batch(tmp_path, source, out)
-    would = {one.input: one.would for one in dry_run(request, request.model.load())}
+    would = {name: what for what, name, *_ in dry_run(request, request.model.load())}
     assert would == dict.fromkeys(("a.png", "z.png", "hall/b.png", "hall/clip.avi"), "keep") | {
         "bad.jpg": "fail"
     }
@@ -337,7 +337,7 @@ def test_listed_bad_uris_fail_alone(tmp_path: Path, bucket: Bucket, loader: Sess
     words.append("hdfs://x/y.jpg")
     plan = plan_files(words, "the test", None, str(tmp_path / "out"))
     request = BatchRequest(plan, BatchOptions((Format.PNG16,)), loader)
-    assert [one.would for one in dry_run(request, request.model.load())].count("fail") == 4
+    assert [what for what, *_ in dry_run(request, request.model.load())].count("fail") == 4
     rows = [result.row for result in Batch(request)]
     assert [row.input_path for row in rows if not row.error] == words[:1]
     assert {row.input_path for row in rows if row.error} == set(words[1:])

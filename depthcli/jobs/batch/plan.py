@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,7 +10,7 @@ from threading import Event
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import SceneLayout, short_repr
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import DepthcliError, InputError, UsageError
 from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.table import Format
 from depthcli.io.guard import is_own_output
@@ -76,10 +76,6 @@ def _planned(
 ) -> BatchPlan:
     """The plan of files, each with why it is no input; the order of a list does not count."""
     paths.check_writable(paths.path_of(out))
-    try:
-        table = {} if cameras is None else read_lenses(paths.path_of(cameras))
-    except InputError as error:
-        raise UsageError(str(error), option="cameras") from error
     places = listing.RealPaths()
     inputs, skipped = dict[str, listing.InputFile](), dict[listing.Skipped, None]()
     all_names, like_outputs = set[str](), set[str]()
@@ -98,15 +94,10 @@ def _planned(
             reason = listing.TWICE
         if reason is not None:
             skipped[listing.Skipped(file.name, reason)] = None
-    if not all_names:
-        _check_any([*skipped], where)
+    if skipped and not all_names:
+        raise _nothing_left([*skipped], where)
     names = OutputNames(all_names)
-    rows = {name: name if name in table else stem(name) for name in all_names if table}
-    intrinsics = {name: table[rows[name]] for name in inputs if rows.get(name) in table}
-    used = set(rows.values())
-    unused = [row for row in table if row not in used]
-    unmatched = len(inputs) - len(intrinsics)
-    warnings = [*_camera_warnings(cameras, len(table), unused, len(inputs), unmatched)]
+    intrinsics, warnings = _lenses(cameras, all_names, inputs)
     if unreadable := listing.conversion_hint(tuple(skipped)):
         warnings.append(unreadable)
     return BatchPlan(
@@ -124,32 +115,37 @@ def _planned(
     )
 
 
-def _camera_warnings(
-    source: str | None, rows: int, unused: Sequence[str], inputs: int, unmatched: int
-) -> Iterator[str]:
-    """What does not match; UsageError if no row does. ``unmatched`` inputs have no row."""
-    if unused and inputs and len(unused) == rows:
+def _lenses(
+    source: str | None, names: Iterable[str], inputs: Collection[str]
+) -> tuple[dict[str, Intrinsics], list[str]]:
+    """Cameras of inputs by a table, and a warning; UsageError if none of all names has a row."""
+    if source is None:
+        return {}, []
+    try:
+        table = read_lenses(paths.path_of(source))
+    except InputError as error:
+        raise UsageError(str(error), option="cameras") from error
+    rows = {name: name if name in table else stem(name) for name in names}
+    if table and inputs and set(table).isdisjoint(rows.values()):
+        first = short_repr(next(iter(table)))
         raise UsageError(
             f"no row of {source} with a camera matches an input; an id is the path of an input "
-            f"from the folder, with or without its suffix, but the first is {short_repr(unused[0])}"
+            f"from the folder, with or without its suffix, but the first is {first}"
         )
-    if unmatched and source is not None:
-        yield (
-            f"{source} has no camera for {unmatched} of {inputs} inputs; their focal lengths are "
-            "those in EXIF, or assumed"
-        )
+    found = {name: table[rows[name]] for name in inputs if rows[name] in table}
+    problem = f"{source} has no camera for {len(inputs) - len(found)} of {len(inputs)} inputs; "
+    problem += "their focal lengths are those in EXIF, or assumed"
+    return found, [problem] if len(found) < len(inputs) else []
 
 
-def _check_any(skipped: Sequence[listing.Skipped], where: str) -> None:
+def _nothing_left(skipped: Sequence[listing.Skipped], where: str) -> DepthcliError:
     reasons, summary = {file.reason for file in skipped}, listing.skip_summary(skipped)
-    if not skipped:
-        return
     if {listing.NOT_INCLUDED, listing.EXCLUDED} & reasons:
-        raise UsageError(f"nothing of {where} is left: {summary}", "change {include} or {exclude}")
+        return UsageError(f"nothing of {where} is left: {summary}", "change {include} or {exclude}")
     hint = listing.conversion_hint(skipped) or ""
     if not hint and ".exr" in reasons:
         hint = "EXR is read by 'predict', by 'video' (a sequence), and by 'batch' from a list"
-    raise InputError(f"no image or video in {where}: {summary}", hint)
+    return InputError(f"no image or video in {where}: {summary}", hint)
 
 
 def plan_folder(
