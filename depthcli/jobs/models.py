@@ -15,7 +15,7 @@ from depthcli.core.options import one_line
 from depthcli.core.progress import NO_PROGRESS, Progress
 from depthcli.core.types import DepthKind
 from depthcli.core.validation import FieldError, parsed_json, validated
-from depthcli.errors import DepthcliError, InputError, ModelError, OutputError, UsageError
+from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError, os_errors_as
 from depthcli.inference.pipeline import try_other_size, try_session
 from depthcli.inference.session import Session, ort
 from depthcli.io.guard import Guard
@@ -173,11 +173,8 @@ def _opened(
     stopped.
     """
     if not isinstance(source, PublishedModel):
-        try:
-            with paths.local_copy(source, progress, max_bytes=catalog.MAX_BYTES) as file:
-                yield file
-        except InputError as error:
-            raise ModelError(str(error)) from error
+        with paths.local_copy(source, progress, max_bytes=catalog.MAX_BYTES) as file:
+            yield file
         return
     part = catalog.user_root() / f".{name}.part"
     with _locked_file(part) as download, paths.errors_about(source.url, part):
@@ -195,11 +192,9 @@ def _opened(
 @contextmanager
 def _locked_file(path: Path) -> Iterator[BinaryIO]:
     """A file that only this process appends to, removed after the block if it is empty."""
-    try:
+    with os_errors_as(OutputError, f"{path} cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = open_locked(path)
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
     if handle is None:
         raise UsageError(f"another process writes {path}; wait for its end")
     try:

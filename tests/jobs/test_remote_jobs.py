@@ -18,7 +18,7 @@ from helpers.videos import flat_frames, write_video
 from helpers.watched import Watched
 
 from depthcli.core.camera import Intrinsics
-from depthcli.errors import InputError, ModelError, OutputError, UsageError
+from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format
 from depthcli.io.listing.path_list import read_list
@@ -289,10 +289,10 @@ def test_a_model_in_a_bucket(
     watched = Watched()
     assert add_model(source, card, progress=watched).sha256 == find_model(made).sha256
     assert list(watched.stages.values()) == [(1, pytest.approx(len(data) / 1e6))]  # megabytes
-    with pytest.raises(ModelError):
+    with pytest.raises(InputError):
         add_model(path_of(bucket.uri("none.onnx")), card, name="other")
     monkeypatch.setattr("depthcli.models.catalog.MAX_BYTES", len(data) - 1)
-    with pytest.raises(ModelError):
+    with pytest.raises(InputError):
         add_model(source, card, name="other")
     assert [path.name for path in (tmp_path / "own").iterdir()] == ["tiny"]
 
