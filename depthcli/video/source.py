@@ -63,7 +63,6 @@ class VideoSource(clock.FrameSource):
     width: int  #: columns of an upright frame
     height: int  #: rows of an upright frame
     is_own: bool  #: whether depthcli wrote it: depth, or its preview
-    is_own_depth: bool  #: whether it is depth that depthcli wrote
     frames_stated = None
 
     def __init__(
@@ -93,8 +92,8 @@ class VideoSource(clock.FrameSource):
         self._container, chosen = open_video(self._source, stream)
         self._is_closed = False
         tags = self._container.metadata
-        self.is_own_depth = any(name.startswith(LABEL_PREFIX) for name in tags)
-        self.is_own = self.is_own_depth or any(t.startswith(COMMENT_PREFIX) for t in tags.values())
+        is_own_depth = any(name.startswith(LABEL_PREFIX) for name in tags)
+        self.is_own = is_own_depth or any(t.startswith(COMMENT_PREFIX) for t in tags.values())
         check_pixel_count(str(source), chosen.width, chosen.height, max_pixels)
         rate = _stated_rate(self._container, chosen)
         if rate is None:
@@ -110,7 +109,7 @@ class VideoSource(clock.FrameSource):
             self.warnings += (Message(f"{problem}, and the others are left out", "give {stream}"),)
         self._focal_mm = focal_lengths(self._path, self._container)
         self._time_code = clock.header_time_code(self._container, chosen, self.rate)
-        self._decoder = FrameDecoder(self._container, chosen, is_own=self.is_own_depth)
+        self._decoder = FrameDecoder(self._container, chosen, is_own=is_own_depth)
         first = next(self._decoder.frames, None)
         self._check_pipe()
         if first is None:
