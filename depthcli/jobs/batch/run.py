@@ -57,10 +57,8 @@ class Tally:
     def add(self, result: BatchResult) -> None:
         """Count a result."""
         error = result.row.error
-        if result.is_kept:
-            self.kept += 1
-        else:
-            self.done += 1
+        self.kept += result.is_kept
+        self.done += not result.is_kept
         if error is not None:
             self.failures.append((result.row.input, error))
 
