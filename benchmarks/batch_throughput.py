@@ -42,8 +42,8 @@ _UNMEASURED = 5
 THREADS = """
 import sys
 from depthcli.cli.app import main
-from depthcli.jobs.batch import engine
-engine._LEAST_IMAGES = 10**9
+from depthcli.jobs.batch import workers
+workers._LEAST_IMAGES = 10**9
 sys.exit(main(sys.argv[1:]))
 """
 

@@ -36,7 +36,7 @@ from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import FALLBACK_RATE, Timing, exact_rate
 from depthcli.video.outputs import DepthFrame, video_file
-from depthcli.video.sequence import stated_rate
+from depthcli.video.source import stated_rate
 
 _RULES = outputs.FormatRules(
     (), table.format_of, table.stem_of, table.FILE_SUFFIXES, of_pattern=table.format_of

@@ -158,7 +158,7 @@ class DepthVideo:
             decoder = FrameDecoder(container, stream, is_own=bool(self.labels))
             count = first_ticks = 0
             start_s = metadata.number(self.labels.get("start_s")) or 0.0
-            while (frame := decoder.next()) is not None:
+            for frame in decoder.frames:
                 self._check(decoder, count, frame.pts)
                 steps = frame.to_ndarray()
                 first_ticks = first_ticks if count else frame.pts or 0

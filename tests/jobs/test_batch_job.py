@@ -152,7 +152,7 @@ def test_pixel_limit_holds_in_dry_run_and_batch(tmp_path: Path) -> None:
     images(tmp_path)
     write_mp4(tmp_path / "in" / "clip.mp4", flat_frames([9, 99]))
     asked = request(tmp_path, options=BatchOptions(max_pixels=24 * 32))
-    would = {one.input: one.error for one in dry_run(asked, asked.model.load())}
+    would = {name: error for _, name, _, error in dry_run(asked, asked.model.load())}
     became = {result.row.input: result.row.error for result in Batch(asked)}
     assert [name for name in NAMES if would[name] is None] == ["a.png"]
     assert {name: would[name] for name in NAMES} == {name: became[name] for name in NAMES}

@@ -37,7 +37,7 @@ def test_a_worker_takes_the_folder_and_the_threads_that_it_is_given(
 
 
 def test_a_video_that_lost_its_worker_stays_one_call() -> None:
-    call = Call(((BatchTask(InputFile("a.mp4", "in/a.mp4"), {}),),), is_video=True)
+    call = Call(((BatchTask(InputFile("a.mp4", "in/a.mp4"), {}),),))
     assert list(call.split()) == [replace(call, lost_workers=1)]
 
 

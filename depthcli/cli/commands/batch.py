@@ -239,10 +239,10 @@ def _scene_formats(output: OutputOptions, how: dict[str, Any]) -> tuple[Format, 
         return ()
     if output.formats or not how["anchors"]:
         raise UsageError("", "{layout} is for {anchors}, and without {format}, which it chooses")
-    from depthcli.jobs.batch.scene import format_of, writing_for
+    from depthcli.jobs.batch.plan import scene_format
 
-    how["writing"] = writing_for(output.layout, how["writing"])
-    return (format_of(output.layout),)
+    format_, how["writing"] = scene_format(output.layout, how["writing"])
+    return (format_,)
 
 
 def _changes(
@@ -251,25 +251,15 @@ def _changes(
     """Plans of new and changed files of the folder; none without ``--watch``."""
     if not inputs.watch:
         return lambda _stop: iter(())
-    from depthcli.jobs.batch.plan import plan_files
-
     if folder is None or inputs.files or inputs.shard or cameras:
         raise UsageError("", "{watch} is for a folder, without {files}, {shard} and {cameras}")
     place = path_of(folder)
     if isinstance(place, RemotePath) or not place.is_dir():
         raise UsageError(f"{folder} is not a local folder", option="watch")
-    from depthcli.jobs.batch.watch import FolderChanges
+    from depthcli.jobs.batch.plan import changes_of
 
     names_filter = NameFilter.of(inputs.include or (), inputs.exclude or ())
-    changes = FolderChanges(folder, out, names_filter)
-
-    def plans(stop: Event) -> Iterator[BatchPlan]:
-        for changed, names in changes.wait(stop):
-            plan = plan_files(names, folder, folder, out, names_filter)
-            files = (file for file in plan.inputs if file.name in changed)
-            yield replace(plan, inputs=tuple(files), skipped=())
-
-    return plans
+    return changes_of(folder, out, names_filter)
 
 
 def _cluster(options: EngineOptions, progress: Progress) -> RayEngine:
