@@ -27,8 +27,7 @@ from depthcli.core.options import Upsampling, UpsamplingOptions
 from depthcli.core.parallel import usable_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest import OK, CacheKey, Journal, ManifestRow, output_entry
 from depthcli.jobs.image import write_output
@@ -43,8 +42,8 @@ _UNMEASURED = 5
 THREADS = """
 import sys
 from depthcli.cli.app import main
-from depthcli.jobs.batch import engine
-engine._LEAST_IMAGES = 10**9
+from depthcli.jobs.batch import workers
+workers._LEAST_IMAGES = 10**9
 sys.exit(main(sys.argv[1:]))
 """
 

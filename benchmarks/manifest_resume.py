@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from tools import parse_options, print_cost
 
-from depthcli.io.listing.path_list import read_list
+from depthcli.io.listing import read_list
 from depthcli.io.manifest import OK, WHOLE, CacheKey, Journal, ManifestRow, OutputFile, Shard
 from depthcli.jobs.batch.plan import plan_files
 from depthcli.jobs.batch.tasks import BatchOptions, TaskBuilder

@@ -32,7 +32,7 @@ from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Frame, Provenanc
 from depthcli.errors import InputError
 from depthcli.inference.pipeline import try_session
 from depthcli.inference.session import Session
-from depthcli.io.calibration import read_calibration
+from depthcli.io.calibration import read_calibration, read_lenses
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.file import read_exr_rate, write_exr
 from depthcli.io.formats.exr import ExrWriter
@@ -41,9 +41,8 @@ from depthcli.io.guard import is_own_image
 from depthcli.io.images.png import encode_png
 from depthcli.io.images.read import read_image
 from depthcli.io.images.tiff import parse_exif
-from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list
+from depthcli.io.listing import column_texts, listed_inputs, parse_list
 from depthcli.io.stored.depth import DepthReadOptions
-from depthcli.io.tables import read_lenses
 from depthcli.jobs.video.resume import finished_frames
 from depthcli.known.files import KnownDepthFiles
 from depthcli.known.sources import read_known_depth

@@ -19,7 +19,7 @@ import depthcli
 from depthcli.api.depth_map import CAMERA, SaveOptions
 from depthcli.core.options import DepthFit
 from depthcli.io.depth.read import read_metadata
-from depthcli.io.formats.options import WriterOptions, names_of
+from depthcli.io.formats.table import WriterOptions, names_of
 
 PIXELS = synthetic_image()
 
@@ -252,7 +252,7 @@ def test_damage_of_a_video_is_a_warning(tmp_path: Path) -> None:
             assert len(list(video.frames())) < 20
         assert [one.filename for one in told] == [__file__]
         with pytest.raises(depthcli.UsageError):
-            video.frames()
+            next(video.frames())
     bright = encode(
         tmp_path / "hdr.mkv", [PIXELS] * 2, Fraction(25), "ffv1", "yuv420p", transfer=16
     )

@@ -17,10 +17,15 @@ from depthcli.core.options import Colormap, DepthFit, Near, chosen, short_repr
 from depthcli.core.surface import PointCloud, surface_of
 from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
-from depthcli.io.formats.html import HtmlWriter
-from depthcli.io.formats.options import with_members
-from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.formats.table import FILE_SUFFIXES, Format, Writer, format_of, writer_class
+from depthcli.io.formats.preview import HtmlWriter, PreviewWriter
+from depthcli.io.formats.table import (
+    FILE_SUFFIXES,
+    Format,
+    Writer,
+    format_of,
+    with_members,
+    writer_class,
+)
 from depthcli.io.guard import Guard
 from depthcli.io.images.png import encode_png
 from depthcli.io.storage.atomic import atomic_path

@@ -48,10 +48,7 @@ class VideoSource(video_frames.VideoSource):
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Frames of a span, with a warning at the end if any are missing."""
-        return self._checked(super().frames(span))
-
-    def _checked(self, frames: Iterator[Frame]) -> Iterator[Frame]:
-        yield from frames
+        yield from super().frames(span)
         if self.problem is not None:
             warn_all([self.problem], self._source)
 

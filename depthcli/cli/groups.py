@@ -17,7 +17,7 @@ from typer.core import TyperCommand
 from typer.main import get_command
 
 from depthcli.core.options import Rule
-from depthcli.io.formats.options import HELP
+from depthcli.io.formats.table import HELP
 
 _T = TypeVar("_T")
 OPTION = "option"

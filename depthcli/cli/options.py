@@ -12,7 +12,7 @@ from depthcli.cli.groups import OPTION, USUAL, checked, group
 from depthcli.cli.screen import console
 from depthcli.core import options as choices
 from depthcli.core.camera import FOCAL_35MM, FOCAL_PX, HFOV_DEG, PIXEL_ASPECT
-from depthcli.io.formats import options as formats
+from depthcli.io.formats import table as formats
 
 MAX_THREADS = 1024
 # Importing onnxruntime is slow; a test compares these names with it.

@@ -14,8 +14,7 @@ from depthcli.core.camera import DEPTH_M, UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.core.options import ReadOptions, UpsamplingOptions, short_repr
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import FORMATS, Format
+from depthcli.io.formats.table import FORMATS, Format, WriterOptions
 from depthcli.io.storage.paths import RemotePath, path_of, safe_name
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from depthcli.cli.table import PROFILE_COMMANDS, PROGRAM, plain_command
 from depthcli.core.options import suggestion
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format, format_of
-from depthcli.io.storage.paths import config_folder, read_regular
+from depthcli.io.storage.paths import read_regular, user_folder
 from depthcli.video.formats import VideoFormat, video_format_of
 
 FILE_NAME = "depthcli.toml"
@@ -26,7 +26,7 @@ _NOT_IN_PROFILES = frozenset({"help", "debug", "profile", "out"})
 
 def profile_files() -> tuple[Path, ...]:
     """The files that may hold profiles; the first one that holds a name decides."""
-    return Path(FILE_NAME), config_folder() / FILE_NAME
+    return Path(FILE_NAME), user_folder("config") / FILE_NAME
 
 
 def read_profiles(path: Path) -> dict[str, dict[str, Any]]:

@@ -125,9 +125,9 @@ class Pipeline:
         if self.detail.mask is DepthMask.MODEL and self.card.output.mask is None:
             problem = f"model {self.card.name!r} tells no mask of its own"
             raise InputError(problem, "leave {mask} out, or give another {model}")
-        if self.detail.error and (self.session.load_error is None or any(known_depth)):
-            what = "with known depth" if any(known_depth) else f"of model {self.card.name!r}"
-            raise InputError(f"the error of depth {what} is not known", "leave {error} out")
+        if self.detail.error and self.session.load_error is None:
+            problem = f"the error of depth of model {self.card.name!r} is not known"
+            raise InputError(problem, "leave {error} out")
         layouts = [layout for _, layout in prepared]
         known_points = [self._for_network(*one) for one in zip(frames, known_depth, strict=True)]
         prompts = [

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 from depthcli.core.camera import Intrinsics
 from depthcli.errors import InputError, UsageError
 from depthcli.io.formats.table import Format
-from depthcli.io.listing.path_list import PATHS, open_parquet
+from depthcli.io.listing import PATHS, open_parquet
 from depthcli.io.media import is_archive, is_exr, is_media
 
 _ROWS = 64  # of a row group that is written

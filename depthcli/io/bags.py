@@ -3,7 +3,7 @@
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 
 from depthcli.core.arrays import AnyArray
-from depthcli.core.camera import Intrinsics
 from depthcli.core.options import INSTALL_ROS
 from depthcli.errors import DepthcliError, InputError
 from depthcli.io.archives import Member, Write
@@ -90,7 +89,9 @@ def bag_members(
                 continue
             header, stamp = message.header, message.header.stamp
             origin = Origin(camera_name, time_ns, header, info, nearest(message), transforms)
-            camera = _camera(info, path, is_rectified="rect" in last)
+            camera = None
+            if info is not None and info.k[0]:  # else it is not calibrated
+                camera = camera_of_ros(asdict(info), path, rectified="rect" in last)
             yield Member(f"{stamp.sec}.{stamp.nanosec:09}", _encoded(message), camera, origin)
 
 
@@ -156,17 +157,6 @@ def _types() -> Any:  # noqa: ANN401
     except ImportError:
         raise InputError("bags need rosbags", f"install it: {INSTALL_ROS}") from None
     return get_typestore(Stores.ROS2_HUMBLE)
-
-
-def _camera(info: Any, path: Path, *, is_rectified: bool) -> Intrinsics | None:  # noqa: ANN401
-    """The camera of a ``CameraInfo``; None if it is not calibrated."""
-    if info is None or not info.k[0]:
-        return None
-    roi = {name: getattr(info.roi, name) for name in ("x_offset", "y_offset", "width", "height")}
-    fields = {"width": info.width, "height": info.height, "roi": roi}
-    fields |= {name: getattr(info, name).tolist() for name in ("k", "d", "p")}
-    fields["distortion_model"] = info.distortion_model
-    return camera_of_ros(fields, path, rectified=is_rectified)
 
 
 def _encoded(message: Any) -> bytes:  # noqa: ANN401 - of a type that the bag defines

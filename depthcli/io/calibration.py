@@ -1,4 +1,4 @@
-"""Camera calibrations of other programs, and cameras whose scale was measured, kept by name."""
+"""Cameras: calibrations of other programs, a table of one row an image, and those kept by name."""
 
 import json
 import math
@@ -11,12 +11,22 @@ from pathlib import Path
 from typing import Annotated, Any
 from xml.etree import ElementTree as ET
 
-from depthcli.core.camera import FOCAL_PX, CameraScale, Distortion, Intrinsics, hfov_deg
-from depthcli.core.options import Rule
+from depthcli.core.camera import (
+    CENTRE_PX,
+    FOCAL_PX,
+    HFOV_DEG,
+    UNKNOWN_CAMERA,
+    CameraScale,
+    Distortion,
+    Intrinsics,
+    hfov_deg,
+)
+from depthcli.core.options import Rule, short_repr
 from depthcli.core.validation import parsed_json, validated
-from depthcli.errors import InputError, OutputError, UsageError
+from depthcli.errors import InputError, OutputError, UsageError, os_errors_as
+from depthcli.io.listing import CsvTable
 from depthcli.io.storage.atomic import write_text
-from depthcli.io.storage.paths import config_folder, path_of, read_bytes, read_regular
+from depthcli.io.storage.paths import path_of, read_bytes, read_regular, user_folder
 
 _ADVICE = "name the calibration of a camera"
 _SIZES = (("image_width", "image_height"), ("width", "height"), ("w", "h"), ("W", "H"))
@@ -98,9 +108,7 @@ def _checked(camera: _Camera, path: Path, *, rectified: bool) -> Intrinsics:
     fx, fy, cx, cy = camera.matrix
     width, height = camera.size_px or (math.nan, math.nan)
     is_size = all(1 <= side <= _MAX_PX and side == int(side) for side in camera.size_px or ())
-    # A crop can have it outside, but hardly by more than its own size.
-    is_near = -width <= cx <= 2 * width and -height <= cy <= 2 * height
-    is_near |= camera.size_px is None and 0 < cx < _MAX_PX and 0 < cy < _MAX_PX
+    is_near = CENTRE_PX.holds(cx) and CENTRE_PX.holds(cy)
     if not (is_size and is_near and FOCAL_PX.holds(fx) and FOCAL_PX.holds(fy)):
         raise InputError(
             f"{path} is for {width:g}×{height:g} pixels with fx {fx:g}, fy {fy:g}, cx {cx:g}, "
@@ -112,23 +120,19 @@ def _checked(camera: _Camera, path: Path, *, rectified: bool) -> Intrinsics:
     is_square = abs(fy / fx - 1) <= _SQUARE
     focal_px, aspect = (math.sqrt(fx * fy), 1.0) if is_square else (fx, fy / fx)
     size_px = (int(width), int(height)) if camera.size_px else None
+    is_fisheye, lens = bool(_FISHEYE.search(camera.model)), camera.coefficients
+    distortion = None
+    if not rectified and (is_fisheye or any(lens)):  # OpenCV takes four coefficients or more
+        filled = () if _OTHER_MODELS.search(camera.model) else (*lens, *[0.0] * (4 - len(lens)))
+        distortion = Distortion(camera.matrix[:2], filled, is_fisheye)
     return Intrinsics(
         focal_px,
         hfov_deg=hfov_deg(focal_px, size_px[0]) if size_px else None,
         centre_px=(cx, cy),
         size_px=size_px,
         pixel_aspect=aspect,
-        distortion=None if rectified else _distortion(camera),
+        distortion=distortion,
     )
-
-
-def _distortion(camera: _Camera) -> Distortion | None:
-    """The distortion of a lens, of four coefficients or more; None if there is none."""
-    is_fisheye, lens = bool(_FISHEYE.search(camera.model)), camera.coefficients
-    if not (is_fisheye or any(lens)):
-        return None
-    filled = () if _OTHER_MODELS.search(camera.model) else (*lens, *[0.0] * (4 - len(lens)))
-    return Distortion(camera.matrix[:2], filled, is_fisheye)
 
 
 def _coefficients_in(tree: Mapping[str, Any]) -> tuple[tuple[float, ...], str]:
@@ -158,10 +162,10 @@ def _camera_in(path: Path, *, rectified: bool) -> _Camera:
         return _of_colmap([line.split() for line in lines], path)
     rows = [numbers_in(re.sub(r"[\[\],;]", " ", line).split()) for line in lines]
     if [len(row) for row in rows] == [9]:  # as beside each image of KITTI
-        rows = _rows(rows[0], 3)
+        rows = [rows[0][start : start + 3] for start in (0, 3, 6)]
     is_matrix = len(rows) in {3, 4} and all(len(row) == len(rows) for row in rows)
     if is_matrix and all(math.isfinite(number) for row in rows for number in row):
-        return _Camera(_of_rows([row[:3] for row in rows[:3]], path))
+        return _Camera(_of_matrix(numbers_in(rows[:3]), len(rows), path))
     return _of_tree(dict(next(documents_in(text))), path, rectified=rectified)
 
 
@@ -171,7 +175,7 @@ def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera
     projections = (*(_PROJECTIONS if rectified else ()), "P2", "P_rect_02")  # KITTI is rectified
     projection = next((tree[name] for name in projections if name in tree), None)
     if projection is not None:
-        return _Camera(_of_rows(_rows(numbers_in(projection), 4), path), size_px)
+        return _Camera(_of_matrix(numbers_in(projection), 4, path), size_px)
     if rectified:
         advice = "give {focal_px} and {centre_px} of the rectified images"
         raise InputError(f"{path} has no projection_matrix", advice)
@@ -186,7 +190,7 @@ def _of_tree(tree: Mapping[str, Any], path: Path, *, rectified: bool) -> _Camera
     if any(name in tree for name in _LISTS) and 4 <= len(matrix) != 9:  # noqa: PLR2004
         fx, fy, cx, cy, *more = matrix
         return _Camera((fx, fy, cx, cy), size_px, coefficients or tuple(more), model)
-    fx, fy, cx, cy = _of_rows(_rows(matrix, 3), path)
+    fx, fy, cx, cy = _of_matrix(matrix, 3, path)
     # ROS states the matrix for the whole sensor, also of images that are a part of it.
     roi = tree.get("roi") or {}
     x, y, *region = (_number(roi.get(name, 0)) for name in ("x_offset", "y_offset", *_SIZES[1]))
@@ -249,17 +253,13 @@ def _size_px(tree: Mapping[str, Any]) -> tuple[float, float] | None:
     return None
 
 
-def _of_rows(rows: list[list[float]], path: Path) -> tuple[float, float, float, float]:
-    """fx, fy, cx and cy of the rows of a matrix."""
-    if [len(row) for row in rows] not in ([3] * 3, [4] * 3) or rows[2][:3] != [0, 0, 1]:
+def _of_matrix(numbers: list[float], columns: int, path: Path) -> tuple[float, float, float, float]:
+    """fx, fy, cx and cy of a matrix of three rows."""
+    if len(numbers) != 3 * columns or numbers[2 * columns :][:3] != [0, 0, 1]:
         raise InputError(
             f"{path} has a matrix whose last row is not 0 0 1", "write 3×3 or 3×4 numbers by rows"
         )
-    return rows[0][0], rows[1][1], rows[0][2], rows[1][2]
-
-
-def _rows(numbers: list[float], columns: int) -> list[list[float]]:
-    return [numbers[start : start + columns] for start in range(0, len(numbers), columns)]
+    return numbers[0], numbers[columns + 1], numbers[2], numbers[columns + 2]
 
 
 def colmap_lines(data: bytes) -> list[list[str]]:
@@ -323,6 +323,7 @@ def numbers_in(value: Any) -> list[float]:  # noqa: ANN401 - of any file
     """The numbers of a matrix or a list, row by row; NaN for what is none."""
     if isinstance(value, Mapping):
         return numbers_in(value["data"] if "data" in value else list(value.values()))
+    value = value.tolist() if hasattr(value, "tolist") else value  # of a message of ROS
     if isinstance(value, list | tuple):
         return [number for part in value for number in numbers_in(part)]
     if isinstance(value, str) and len(words := value.split()) != 1:
@@ -331,6 +332,45 @@ def numbers_in(value: Any) -> list[float]:  # noqa: ANN401 - of any file
         return [float(value)]
     except (TypeError, ValueError, OverflowError):
         return [math.nan]
+
+
+ID = "id"
+_FOCAL = frozenset({"focal_px", "hfov_deg"})
+_RULES = {"focal_px": FOCAL_PX, "hfov_deg": HFOV_DEG, "cx": CENTRE_PX, "cy": CENTRE_PX}
+_MAX_TABLE_BYTES = 256 * 2**20
+
+
+def read_lenses(path: Path) -> dict[str, Intrinsics]:
+    """The camera of each id.
+
+    The first line names the columns: ``id``, and ``focal_px`` (pixels of the image), ``hfov_deg``
+    (horizontal field of view in degrees) or both. In a row with both, ``focal_px`` counts. ``cx``
+    and ``cy``, the principal point in pixels of the image, are optional. A row without any of
+    these is left out. Other columns are ignored.
+    """
+    with os_errors_as(InputError, f"{path} cannot be read"):
+        data = read_regular(path, _MAX_TABLE_BYTES)
+    table = CsvTable(data, str(path))
+    if ID not in table.columns or _FOCAL.isdisjoint(table.columns):
+        raise InputError(f"{path} has no columns id,focal_px or id,hfov_deg in its first line")
+    lenses: dict[str, Intrinsics] = {}
+    for row in table:
+        focal_px, hfov_deg, cx, cy = (
+            row.number(column, rule) if row.cells.get(column) else None
+            for column, rule in _RULES.items()
+        )
+        if (cx is None) != (cy is None):
+            raise row.error("give cx and cy, or neither")
+        centre_px = None if cx is None or cy is None else (cx, cy)
+        lens = Intrinsics(focal_px, None if focal_px is not None else hfov_deg, centre_px)
+        if lens == UNKNOWN_CAMERA:
+            continue
+        name = row.cells[ID].removeprefix("./")
+        if not name:
+            raise row.error("the id is missing")
+        if lenses.setdefault(name, lens) != lens:
+            raise row.error(f"another row of {short_repr(name)} has another camera")
+    return lenses
 
 
 _KEPT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
@@ -396,4 +436,4 @@ def kept_camera(name: str) -> Intrinsics:
 def _kept_path(name: str) -> Path:
     if not _KEPT_NAME.fullmatch(name):
         raise UsageError(f"{name!r} is not a name of letters, digits, '-', '_' and '.'")
-    return config_folder() / "cameras" / f"{name}.json"
+    return user_folder("config") / "cameras" / f"{name}.json"

@@ -11,7 +11,7 @@ from typing import Self
 
 from depthcli.errors import OutputError
 from depthcli.io.formats.table import FORMATS, suffix_of
-from depthcli.io.marks import COMMENT_PREFIX, LABEL_PREFIX
+from depthcli.io.media import COMMENT_PREFIX, LABEL_PREFIX
 from depthcli.io.storage.atomic import OUT_ADVICE, FileIdentity, identity_of
 from depthcli.io.storage.paths import RemotePath, path_of, read_regular
 

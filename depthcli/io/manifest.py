@@ -11,18 +11,17 @@ import re
 import threading
 import time
 from collections.abc import Container, Iterable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
-from tempfile import TemporaryFile
-from typing import Annotated, Any, BinaryIO, Self
+from typing import Annotated, Any, Self
 
 from depthcli.core.options import DepthFit, Rule
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import OutputError, UsageError, os_errors_as
 from depthcli.io.storage.atomic import append_whole, atomic_path
-from depthcli.io.storage.paths import RemotePath, download, object_checksum, regular_size
+from depthcli.io.storage.paths import RemotePath, object_checksum, regular_size
 from depthcli.io.storage.temporary import folder_lock, open_locked
 
 OK = "ok"
@@ -111,21 +110,14 @@ def parse_row(line: bytes) -> ManifestRow | None:
 
 def checksum(path: Path) -> tuple[int, str] | None:
     """Size and SHA-256 of a file on disk; None if there is none."""
-    try:
-        if isinstance(path, RemotePath):
+    if isinstance(path, RemotePath):
+        with os_errors_as(OutputError, f"{path} cannot be checked"):
             return object_checksum(path)
+    with suppress(OSError):
         size = regular_size(path)
         with path.open("rb") as file:
             return size, hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        if isinstance(path, RemotePath):
-            raise OutputError(f"{path} cannot be checked: {error.strerror}") from error
-        return None
-
-
-def is_intact(folder: Path, file: OutputFile) -> bool:
-    """Whether a file is unchanged since it was written."""
-    return checksum(folder / file.path) == (file.bytes, file.sha256)
+    return None
 
 
 def output_entry(folder: Path, path: Path) -> OutputFile:
@@ -202,23 +194,9 @@ def _names_in(folder: Path) -> Iterator[str]:
             yield name
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[BinaryIO]:
-    """An open file, or a copy of an object."""
-    if isinstance(path, RemotePath):
-        with TemporaryFile() as copy:
-            download(path, copy, max_bytes=None)
-            copy.seek(0)
-            yield copy
-    else:
-        regular_size(path)  # waits for no pipe
-        with path.open("rb") as file:
-            yield file
-
-
 def damaged_lines(path: Path) -> list[int]:
     """Numbers of the lines of a file that are no rows, from 1."""
-    with _opened(path) as file:
+    with path.open("rb") as file:
         return [number for number, line in enumerate(file, 1) if parse_row(line) is None]
 
 
@@ -243,7 +221,7 @@ class Rows:
                 self._read(path)
 
     def _read(self, path: Path) -> None:
-        with _opened(path) as file:
+        with path.open("rb") as file:
             is_row = map(parse_row, () if is_journal(path) else file)
             if not any(is_row) and file.tell():
                 raise UsageError(
@@ -333,19 +311,14 @@ class Journal(Rows):
                 append_whole(self._file, line)
             else:
                 self._waiting += line
-                self._upload()
+                now_s = time.monotonic()
+                if now_s - self._uploaded_s >= _UPLOAD_INTERVAL_S:
+                    part = f"{self._path.name}.{time.time_ns():020}-{os.urandom(4).hex()}"
+                    self._files.append(self._path.with_name(part))
+                    with atomic_path(self._files[-1]) as temporary:
+                        temporary.write_bytes(self._waiting)
+                    self._waiting, self._uploaded_s = bytearray(), now_s
             self._lines[row.input] = line
-
-    def _upload(self) -> None:
-        """Upload the waiting rows, if the last upload was long enough ago."""
-        now_s = time.monotonic()
-        if now_s - self._uploaded_s < _UPLOAD_INTERVAL_S:
-            return
-        part = f"{self._path.name}.{time.time_ns():020}-{os.urandom(4).hex()}"
-        self._files.append(self._path.with_name(part))
-        with atomic_path(self._files[-1]) as temporary:
-            temporary.write_bytes(self._waiting)
-        self._waiting, self._uploaded_s = bytearray(), now_s
 
     def finish(self, names: Iterable[str] | None, *, keep_failed: bool = False) -> None:
         """Write all rows to the manifest, and remove the journal.

@@ -1,4 +1,4 @@
-"""Names of images, videos and archives: the suffixes that are read, and the packages they need."""
+"""How files are recognized: suffixes, the packages they need, marks that depthcli writes."""
 
 import os
 from functools import cache
@@ -67,3 +67,10 @@ def is_image(name: str) -> bool:
 def is_media(name: str) -> bool:
     """Whether a name is an image's or a video's by its suffix, and not hidden."""
     return not name.startswith(".") and (is_image(name) or is_video(name))
+
+
+KEY_PREFIX = "depthcli:"  #: start of the names of texts in PNG, EXR and PLY
+SOFTWARE_KEY = f"{KEY_PREFIX}software"  #: a text in every PNG (after its header) and EXR
+LABEL_PREFIX = "DEPTHCLI_"  #: start of the names of the labels in a depth video
+COMMENT_PREFIX = "written by depthcli "  #: start of the comment in a preview or stereo video
+EXR_MARK = f"{SOFTWARE_KEY}\0string\0".encode()  #: within the first 4,096 bytes of an EXR

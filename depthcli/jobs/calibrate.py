@@ -16,7 +16,7 @@ from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, UsageError, about
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.images.read import read_image, undistorted
-from depthcli.io.listing.folder import list_folder
+from depthcli.io.listing import list_folder
 from depthcli.io.storage.paths import path_of
 from depthcli.known.files import KnownDepthFiles
 from depthcli.known.fit import Pairs, ScaleShift, robust
@@ -157,12 +157,8 @@ def _known(request: CalibrationRequest) -> Iterator[tuple[Frame, KnownDepth]]:
 
 def _of_pairs(folder: Path) -> Iterator[tuple[Frame, KnownDepth]]:
     """Images below ``rgb/``, and known depth of the same names below ``depth/``."""
-    rgb, depth = folder / "rgb", KnownDepthFiles(str(folder / "depth"))
-    images = list_folder(str(rgb)).media if rgb.is_dir() else ()
-    if not images:
-        advice = "name the images, and the folder of their depth with {anchors}"
-        raise UsageError(f"{folder} has no images in rgb/", advice, option="pairs")
-    for image in images:
+    depth = KnownDepthFiles(str(folder / "depth"))
+    for image in list_folder(str(folder / "rgb")).media:
         frame = read_image(image.readable_path())
         points = read_file(depth.file_for(image.name), depth)
         yield frame, replace(points, warnings=())  # of assumed millimetres, which the help states

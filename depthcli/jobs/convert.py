@@ -17,14 +17,14 @@ from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
 from depthcli.core.options import AS_STATED, MAX_PIXELS, MILLIMETRES, DepthEncoding, ReadOptions
 from depthcli.core.temporal import RangeLock, ema_decay
 from depthcli.errors import DepthcliError, InputError, Message, UsageError
+from depthcli.io import listing as folders
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats import table
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import percentiles
+from depthcli.io.formats.table import WriterOptions
 from depthcli.io.guard import Guard, is_own_image
 from depthcli.io.images.read import read_image
-from depthcli.io.listing import folder as folders
-from depthcli.io.listing.folder import InputFile, NameFilter, Skipped
+from depthcli.io.listing import InputFile, NameFilter, Skipped
 from depthcli.io.storage import atomic, paths
 from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, stated_range
 from depthcli.io.stored.metadata import NORMALIZED
@@ -36,7 +36,7 @@ from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import FALLBACK_RATE, Timing, exact_rate
 from depthcli.video.outputs import DepthFrame, video_file
-from depthcli.video.sequence import stated_rate
+from depthcli.video.source import stated_rate
 
 _RULES = outputs.FormatRules(
     (), table.format_of, table.stem_of, table.FILE_SUFFIXES, of_pattern=table.format_of

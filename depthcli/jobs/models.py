@@ -1,4 +1,4 @@
-"""Adding, removing and verifying models in the user's folder; downloads of published ones."""
+"""Adding, removing and verifying models in the user's folder; downloads; new cards."""
 
 import errno
 import json
@@ -11,15 +11,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
+from depthcli.core.options import one_line
 from depthcli.core.parallel import NO_PROGRESS, Progress
+from depthcli.core.types import DepthKind
 from depthcli.core.validation import FieldError, parsed_json, validated
-from depthcli.errors import DepthcliError, InputError, ModelError, OutputError, UsageError
+from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError, os_errors_as
 from depthcli.inference.pipeline import try_other_size, try_session
-from depthcli.inference.session import Session
+from depthcli.inference.session import Session, ort
+from depthcli.io.guard import Guard
 from depthcli.io.storage import atomic, paths
 from depthcli.io.storage.temporary import open_locked
+from depthcli.models import card as cards
 from depthcli.models import catalog
-from depthcli.models.card import METADATA_KEY, DataFile, ModelCard, WeightsSpec, fit_to_graph
+from depthcli.models.card import METADATA_KEY, Colour, DataFile, ModelCard, WeightsSpec
 from depthcli.models.catalog import (
     Model,
     ModelLocation,
@@ -175,11 +179,8 @@ def _opened(
     stopped.
     """
     if not isinstance(source, PublishedModel):
-        try:
-            with paths.local_copy(source, progress, max_bytes=catalog.MAX_BYTES) as file:
-                yield file
-        except InputError as error:
-            raise ModelError(str(error)) from error
+        with paths.local_copy(source, progress, max_bytes=catalog.MAX_BYTES) as file:
+            yield file
         return
     part = catalog.user_root() / f".{name}.part"
     with _locked_file(part) as download, paths.errors_about(source.url, part):
@@ -197,11 +198,9 @@ def _opened(
 @contextmanager
 def _locked_file(path: Path) -> Iterator[BinaryIO]:
     """A file that only this process appends to, removed after the block if it is empty."""
-    try:
+    with os_errors_as(OutputError, f"{path} cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = open_locked(path)
-    except OSError as error:
-        raise OutputError(f"{path} cannot be written: {error.strerror}") from error
     if handle is None:
         raise UsageError(f"another process writes {path}; wait for its end")
     try:
@@ -253,7 +252,7 @@ def _install(
         (temporary / catalog.CARD_NAME).write_text(complete.to_json(), "utf-8")
         model = replace(find_model(temporary), path=path)  # the name in messages
         session = Session(model, provider="cpu")
-        fitted = fit_to_graph(complete, session.fixed_size, path, adapt=draft.is_ready)
+        fitted = cards.fit_to_graph(complete, session.fixed_size, path, adapt=draft.is_ready)
         session.model = replace(model, card=fitted)
         try_session(session)
         try:
@@ -262,7 +261,7 @@ def _install(
             if not draft.is_ready:
                 raise
             only = fitted.input.height, fitted.input.width
-            fitted = fit_to_graph(fitted, only, path, adapt=True)
+            fitted = cards.fit_to_graph(fitted, only, path, adapt=True)
             session.model = replace(model, card=fitted)
             try_session(session)
         (temporary / catalog.CARD_NAME).write_text(fitted.to_json(), "utf-8")
@@ -324,3 +323,120 @@ def verify_models(names: Sequence[str] = ()) -> Iterator[tuple[str, Model | Dept
             yield name, error
         else:
             yield name, model
+
+
+_IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+_USUAL_PX, _PATCH_PX = 518, 14  # of the networks with a vision transformer that people export
+_MAX_M = 20.0
+_IMAGE_RANK = 4
+_KINDS = {DepthKind.INVERSE: "disp|inv", DepthKind.METRIC: "metric|metre|meter"}
+
+
+class Answers(NamedTuple):
+    """What the user states about a network; None for a guess."""
+
+    kind: DepthKind | None = None  #: what its numbers mean
+    colour: Colour | None = None  #: its channels
+    mean: tuple[float, ...] | None = None  #: subtracted from colours in [0, 1]
+    std: tuple[float, ...] | None = None  #: divisor after that
+    output: str | None = None  #: name of the output that is the depth map
+
+
+def new_card(
+    model: Path, out: Path | None, answers: Answers, *, overwrite: bool
+) -> tuple[Path, list[str]]:
+    """Write a card for an ONNX file, by default ``NAME.card.json`` beside it.
+
+    Returns its path, and guesses to check, one line each.
+    UsageError if several outputs could be the depth map, ModelError if the file is no network of
+    images.
+    """
+    facts, session = catalog.onnx_facts(model), _session(model)
+    layout, channels, size_px = _image_shape(session.get_inputs(), model)
+    output = _depth_output(session.get_outputs(), answers.output)
+    guesses = list[str]()
+
+    def guess(name: str, stated: Any, guessed: Any, why: str) -> Any:  # noqa: ANN401 - of an option
+        if stated is not None:
+            return stated
+        text = ",".join(map(str, guessed)) if isinstance(guessed, tuple) else guessed
+        guesses.append(f"{name} is {text}: {why}")
+        return guessed
+
+    words = f"{model.name} {output}".lower()
+    by_name = next((kind for kind, word in _KINDS.items() if re.search(word, words)), None)
+    why = "larger is nearer" if by_name in {None, DepthKind.INVERSE} else "by its name"
+    kind = guess("output.kind", answers.kind, by_name or DepthKind.INVERSE, why)
+    is_rgb, is_dynamic = channels == Colour.RGB.channels, None in size_px
+    of_input = f"usual where an input has {channels} channels"
+    colour = guess("input.colour", answers.colour, Colour.RGB if is_rgb else Colour.LUMA, of_input)
+    mean, std = _IMAGENET if is_rgb else ((0.5,), (0.5,))
+    spec = {
+        "colour": colour,
+        "width": size_px[1] or _USUAL_PX,
+        "height": size_px[0] or _USUAL_PX,
+        "dynamic": is_dynamic,
+        "multiple_of": _PATCH_PX if is_dynamic else 1,
+        "fit": "keep-aspect" if is_dynamic else "stretch",
+        "mean": guess("input.mean", answers.mean, mean, of_input),
+        "std": guess("input.std", answers.std, std, of_input),
+        "layout": layout,
+    }
+    matrices = [entry.name for entry in session.get_inputs()[1:] if entry.shape[-2:] == [3, 3]]
+    if matrices:
+        spec["camera_matrix"] = guess("input.camera_matrix", None, matrices[-1], "by its shape")
+    if is_dynamic:
+        size = f"{_USUAL_PX}, and multiple_of {_PATCH_PX}"
+        guesses.append(f"input.width and height are {size}: the file accepts any size")
+    depth = {"kind": kind, "transform": "linear", "scale": 1.0, "shift": 0.0}
+    if kind is DepthKind.METRIC:
+        depth |= {"min_m": 0.0, "max_m": guess("output.max_m", None, _MAX_M, "depth is clipped")}
+        guesses.append("camera is null: metres do not follow the focal length")
+    fields = {
+        "schema": cards.SCHEMA,
+        "name": re.sub(r"[^A-Za-z0-9._-]+", "-", model.stem).strip("-.") or "model",
+        "version": "1.0.0",
+        "summary": f"{model.name}, with a card that was guessed in part",
+        "license": guess("license", None, "LicenseRef-unknown", "the file does not state it"),
+        "input": spec,
+        "output": depth,
+        "camera": None,
+        "onnx": {"opset": facts.opset, "ir": facts.ir, "output": output},
+        "file": model.name,
+    }
+    text = ModelCard.from_json(json.dumps(fields), where="the new card").to_json()
+    path = out or model.with_name(model.stem + catalog.CARD_SUFFIX)
+    with atomic.atomic_path(path, guard=Guard.of([model], overwrite=overwrite)) as temporary:
+        temporary.write_text(text, "utf-8")
+    return path, guesses
+
+
+def _session(model: Path) -> ort.InferenceSession:
+    try:
+        return ort.InferenceSession(str(model), providers=["CPUExecutionProvider"])
+    except Exception as error:
+        reason = one_line(str(error))
+        raise ModelError(f"onnxruntime cannot load {model}: {reason}") from error
+
+
+def _image_shape(
+    inputs: Sequence[Any], model: Path
+) -> tuple[str, int, tuple[int | None, int | None]]:
+    """Layout, channels, and height and width of the image's input; None where it is dynamic."""
+    for entry in inputs:
+        for layout, axis in (("nchw", 1), ("nhwc", 3)):
+            if len(entry.shape) == _IMAGE_RANK and entry.shape[axis] in {1, 3}:
+                sides = [side if isinstance(side, int) else None for side in entry.shape]
+                channels = sides.pop(axis)
+                return layout, channels or 1, (sides[1], sides[2])
+    listed = ", ".join(f"{entry.name} {entry.shape}" for entry in inputs)
+    raise ModelError(f"{model} has no input of an image of 1 or 3 channels, but {listed}")
+
+
+def _depth_output(outputs: Sequence[Any], stated: str | None) -> str:
+    names = [entry.name for entry in outputs]
+    if stated in names or (stated is None and len(names) == 1):
+        return stated or str(names[0])
+    raise UsageError(
+        f"the outputs are {', '.join(names)}", "name the depth map", option="depth_output"
+    )

@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Generic, NamedTuple, Self, TypeVar
 from depthcli.core import options
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.errors import UsageError
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format, suffix_of
-from depthcli.io.listing.folder import RealPaths
+from depthcli.io.formats.table import Format, WriterOptions, suffix_of
+from depthcli.io.listing import RealPaths
 from depthcli.io.storage.atomic import is_special
 from depthcli.io.storage.paths import check_writable, path_of, safe_name
 from depthcli.video.numbering import base_name, is_pattern

@@ -15,6 +15,7 @@ from depthcli.errors import (
     OutputError,
     UsageError,
     is_out_of_memory,
+    os_errors_as,
 )
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import FILE_SUFFIXES, Format, format_of, stem_of, writer_class
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from typing import BinaryIO
 
     from depthcli.core.parallel import Background
-    from depthcli.core.types import DepthMap, Frame
+    from depthcli.core.types import DepthMap
     from depthcli.inference.session import Session
     from depthcli.jobs.image import FailedInput, Target
 
@@ -128,7 +129,9 @@ def _results(
             guard.check(*() if to_stdout else plan.outputs.values())
             if is_by_image:
                 points = request.known_points(plan.source)
-            frame = _read(request, plan.source)
+            with os_errors_as(InputError, "cannot read standard input"):
+                data = None if plan.source else (request.stdin or sys.stdin.buffer).read()
+            frame = request.read(plan.source, data)
             targets: Mapping[Format, Target] = plan.outputs
             if to_stdout:
                 targets = dict.fromkeys(plan.outputs, request.stdout or sys.stdout.buffer)
@@ -151,14 +154,6 @@ def _results(
                 raise
             yield FailedInput(plan.name, InputError(failure_reason(error)))
     loading.result()  # raises if the model cannot be loaded, even if no image was read
-
-
-def _read(request: PredictRequest, path: Path | None) -> Frame:
-    try:
-        data = None if path else (request.stdin or sys.stdin.buffer).read()
-        return request.read(path, data)
-    except OSError as error:
-        raise InputError(f"cannot read standard input: {error.strerror}") from error
 
 
 def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -12,16 +12,15 @@ import logging
 import mimetypes
 import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from http.client import responses
 from importlib.resources import files
 from io import BytesIO
 from pathlib import PurePath
-from typing import Any, NamedTuple
+from typing import Any
 
 import uvicorn
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Counter, Gauge, Histogram
@@ -35,7 +34,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
 from depthcli._version import __version__
@@ -48,7 +47,6 @@ from depthcli.io.storage.temporary import temporary_folder
 from depthcli.jobs.image import ImageJob, ImageTask, depth_facts
 from depthcli.jobs.outputs import MapOptions
 
-_LOG = logging.getLogger(__name__)
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _DRAIN_S = 30
 IDLE_S = 75  #: after which silent connections end; nginx and AWS use theirs again for 60 s
@@ -80,25 +78,6 @@ class Limits:
     max_pixels: int  #: of an image
 
 
-class Sent(NamedTuple):
-    """The files of a request."""
-
-    image: bytes
-    known: tuple[str, bytes] | None = None  #: name and bytes of known depth; None if there is none
-
-    @contextmanager
-    def known_file(self) -> Iterator[str | None]:
-        """A temporary file of the known depth, of which only the kind is the client's."""
-        if self.known is None:
-            yield None
-            return
-        name, data = self.known
-        with temporary_folder() as folder:
-            path = folder / (_KNOWN + "".join(PurePath(name).suffixes[-2:]).lower())
-            path.write_bytes(data)
-            yield str(path)
-
-
 class _Connection(AutoHTTPProtocol):  # type: ignore[misc, valid-type]
     """A connection that ends when no request begins for long, as in a header without end."""
 
@@ -116,27 +95,6 @@ class _Connection(AutoHTTPProtocol):  # type: ignore[misc, valid-type]
             self.transport.close()
         else:
             self._check = self.loop.call_later(IDLE_S, self._close_if_idle, request)
-
-
-class _RequestLog:
-    """Logs method, path, status and seconds of each request."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        start_s, status = time.perf_counter(), 0
-
-        async def noted(message: Message) -> None:
-            nonlocal status
-            status = message.get("status", status)
-            await send(message)
-
-        try:
-            await self._app(scope, receive, noted)
-        finally:
-            facts = scope.get("method"), scope.get("path"), status, time.perf_counter() - start_s
-            _LOG.info("%s %s %d in %.3f s", *facts)
 
 
 class DepthServer:
@@ -160,7 +118,9 @@ class DepthServer:
         origins: Sequence[str] = (),
         parameters: Sequence[dict[str, Any]] = (),
     ) -> None:
-        self._openapi = _openapi(parameters)
+        self._openapi = json.loads(_FILES.joinpath("openapi.json").read_text("utf-8"))
+        self._openapi["info"]["version"] = __version__
+        self._openapi["paths"]["/predict"]["post"]["parameters"] = [*parameters]
         self.session, self.limits, self.token = session, limits, token
         self._parse = lru_cache(_MOST_PARSED)(parse)  # clients repeat their options
         self._pool = ThreadPoolExecutor(limits.workers)
@@ -181,7 +141,6 @@ class DepthServer:
         self.app: ASGIApp = Starlette(
             routes=routes,
             middleware=[
-                Middleware(_RequestLog),
                 Middleware(
                     CORSMiddleware,
                     allow_origins=origins,
@@ -203,12 +162,12 @@ class DepthServer:
         """
         with temporary_folder():  # each answer is written in one
             pass
+        logging.getLogger("uvicorn.access").parent = logging.getLogger("depthcli")
         config = uvicorn.Config(
             self.app,
             host=host,
             port=port,
             log_config=None,
-            access_log=False,
             server_header=False,
             lifespan="off",
             timeout_keep_alive=IDLE_S,
@@ -269,11 +228,11 @@ class DepthServer:
         self._requests.labels(200).inc()
         return answer
 
-    async def _sent(self, request: Request) -> Sent:
-        """The files of a request: an image is the whole body, or a part of a multipart form."""
+    async def _sent(self, request: Request) -> list[tuple[str, bytes]]:
+        """Name and bytes of an image, the whole body or a part of a form, and of known depth."""
         request = type(request)(request.scope, _limited(request.receive, self.limits.max_bytes))
         if "multipart/form-data" not in request.headers.get("content-type", ""):
-            return Sent(await request.body())
+            return [("", await request.body())]
         async with request.form(max_files=2) as form:
             images = [part for name in _IMAGE_FIELDS for part in form.getlist(name)]
             known = form.getlist(_KNOWN)
@@ -281,15 +240,22 @@ class DepthServer:
             if len(images) != 1 or len(known) > 1 or len(parts) < len(form):
                 problem = "the form is not one file named 'image' or 'file', and at most one "
                 raise HTTPException(400, f"{problem}named '{_KNOWN}'; options are in the query")
-            data, *others = [(part.filename or "", await part.read()) for part in parts]
-        return Sent(data[1], *others)
+            return [(part.filename or "", await part.read()) for part in parts]
 
-    def _answer(self, query: tuple[tuple[str, str], ...], sent: Sent) -> Response:
+    def _answer(
+        self, query: tuple[tuple[str, str], ...], sent: Sequence[tuple[str, bytes]]
+    ) -> Response:
         """The encoded depth of an image and what is known of it; runs in a thread."""
-        with sent.known_file() as known:
+        (_, image), *others = sent
+        with temporary_folder() as folder:
+            known = None
+            for name, data in others:  # at most one, of which only the kind is the client's
+                path = folder / (_KNOWN + "".join(PurePath(name).suffixes[-2:]).lower())
+                path.write_bytes(data)
+                known = str(path)
             options = self._parse(query, known)
             limited = replace(options, max_pixels=self.limits.max_pixels)
-            frame, points = limited.read(None, sent.image, "the request"), options.known_points()
+            frame, points = limited.read(None, image, "the request"), options.known_points()
         job, body = ImageJob(Pipeline(self.session, options.detail), options.writing), BytesIO()
         done = job.run(ImageTask(frame, options.camera, points, {options.format: body}))
         warnings = map(_named_as_in_query, (*self.session.warnings, *done.warnings))
@@ -317,14 +283,6 @@ class DepthServer:
             facts |= {"type": "about:blank", "detail": error.detail}
             return JSONResponse(facts, error.status_code, error.headers, _PROBLEM)
         return PlainTextResponse(f"{error.detail}\n", error.status_code, error.headers)
-
-
-def _openapi(parameters: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The description of the server for programs: OpenAPI 3.1."""
-    description: dict[str, Any] = json.loads(_FILES.joinpath("openapi.json").read_text("utf-8"))
-    description["info"]["version"] = __version__
-    description["paths"]["/predict"]["post"]["parameters"] = [*parameters]
-    return description
 
 
 def _named_as_in_query(text: str) -> str:

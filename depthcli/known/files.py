@@ -10,7 +10,7 @@ from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import DepthEncoding
 from depthcli.errors import InputError
 from depthcli.io.formats.table import READABLE_SUFFIXES
-from depthcli.io.storage.atomic import is_same_file
+from depthcli.io.storage.atomic import identity_of
 from depthcli.io.storage.paths import path_of, safe_name
 
 if TYPE_CHECKING:
@@ -95,4 +95,4 @@ class KnownDepthFiles:
 
 def _files(folder: Path, stem: str, image: Path | None = None) -> list[Path]:
     files = [file for suffix in SUFFIXES if (file := folder / (stem + suffix)).is_file()]
-    return [file for file in files if image is None or not is_same_file(file, image)]
+    return [file for file in files if image is None or identity_of(file) != identity_of(image)]

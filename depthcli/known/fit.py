@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
-from depthcli.core.arrays import BoolArray, Float64Array, Int64Array
+from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from depthcli.core.camera import Anchor
 from depthcli.core.options import DepthFit
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Windows, displayed_depth, has_depth
@@ -21,6 +22,14 @@ _CUTOFF = 4.685  # 95 % efficiency for normal errors
 _EXACT = 1e-6  # relative; depth maps are float32
 _SETTLED = 1e-12  # of scale and shift
 _MOST = 100_000  # points in each step
+_NEAR = 0.01  # of the longer side
+# Of held-out pairs, by docs/error_with_points.py: factor, power of the error without points, and of
+# the distance to the nearest; of a fit that follows none of them, of 1 + 1 / points.
+_ERROR_LAWS = {
+    DepthFit.GLOBAL: (1.15, 1.287, 0.933),
+    DepthFit.LOCAL: (7.9, 1.594, 0.757),
+    DepthFit.NETWORK: (5.04, 1.425, 0.782),
+}
 
 _Values = Float64Array
 
@@ -177,7 +186,21 @@ def fit_known_depth(
         share = f"{100 * lost / depth.values.size:.3g} %"
         place = "at or beyond infinity" if depth.kind is DepthKind.INVERSE else "at or below 0 m"
         warnings += (f"{lost} pixels ({share}) are {place} after the fit and have no depth",)
-    return replace(result, provenance=source), warnings
+    error = depth.error
+    if error is not None:
+        error = _error_with(error, *pixels_of(points.where(used), windows), how)
+    return replace(result, provenance=source, error=error), warnings
+
+
+def _error_with(error: Float32Array, x: Int64Array, y: Int64Array, how: DepthFit) -> Float32Array:
+    """The relative error that is expected once depth follows points: (H, W) float32."""
+    factor, power, slope = _ERROR_LAWS[how]
+    if how is DepthFit.GLOBAL:
+        return np.asarray(factor * (1 + 1 / len(x)) ** slope * error**power, np.float32)
+    is_away = np.ones(error.shape, np.uint8)
+    is_away[y, x] = 0
+    distance = cv2.distanceTransform(is_away, cv2.DIST_L2, cv2.DIST_MASK_5) / max(error.shape)
+    return np.asarray(factor * error**power * (distance + _NEAR) ** slope, np.float32)
 
 
 def _followed(

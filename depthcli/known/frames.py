@@ -16,8 +16,8 @@ import numpy as np
 from depthcli.core.camera import Anchor
 from depthcli.core.options import DepthFit, Rule
 from depthcli.errors import InputError
+from depthcli.io.listing import CsvTable
 from depthcli.io.storage.paths import path_of, read_bytes
-from depthcli.io.tables import CsvTable
 from depthcli.known.files import OUTPUT, SUFFIXES, KnownDepthFiles
 from depthcli.known.points import KnownDepth
 from depthcli.known.sources import COLUMNS, numbers_of, read_file, read_known_depth

@@ -14,9 +14,9 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.bags import CLOUD, Origin, Transforms, pixels_of
 from depthcli.io.depth.read import read_embedded_depth, read_stored_depth
 from depthcli.io.formats.raster import COLMAP_MAP
+from depthcli.io.listing import CsvTable
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.stored.depth import DepthReadOptions
-from depthcli.io.tables import CsvTable
 from depthcli.known.clouds import (
     cloud_of_message,
     matrix_of,

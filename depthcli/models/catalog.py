@@ -20,11 +20,11 @@ from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import ModelError, UsageError, os_errors_as
 from depthcli.io.storage.paths import (
     RemotePath,
-    data_folder,
     path_of,
     read_regular,
     regular_size,
     safe_name,
+    user_folder,
 )
 from depthcli.models.card import METADATA_KEY, DataFile, ModelCard
 
@@ -214,7 +214,7 @@ class ModelLocation(NamedTuple):
 def roots() -> tuple[Path, ...]:
     """Folders of models: the environment variable's, the user's, the bundled, a checkout's."""
     package = Path(__file__).resolve().parents[1]
-    folders = [*_variable_roots(), data_folder() / "models", package / "_bundled"]
+    folders = [*_variable_roots(), user_folder("data") / "models", package / "_bundled"]
     if (package.parent / "pyproject.toml").is_file():
         folders.append(package.parent / "models")
     return tuple(folders)
@@ -222,7 +222,7 @@ def roots() -> tuple[Path, ...]:
 
 def user_root() -> Path:
     """The folder for installed models: the first of the environment variable, else the user's."""
-    return next(iter(_variable_roots()), data_folder() / "models")
+    return next(iter(_variable_roots()), user_folder("data") / "models")
 
 
 def list_locations() -> Iterator[tuple[str, ModelLocation]]:

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, os_errors_as
-from depthcli.io.media import HEIF_SUFFIXES
+from depthcli.io.media import EXR_SUFFIX, HEIF_SUFFIXES, IMAGE_SUFFIXES
 from depthcli.io.storage.paths import read_bytes, regular_size, safe_name
-from depthcli.video.numbering import SINGLE_IMAGE_ADVICE, is_single_image
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -29,8 +28,8 @@ _FORMATS = (
 )
 STREAMED_FORMATS = f"{_FORMATS},hls,rtsp,aac"  #: of an address that the user named
 _LENGTH = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)", re.ASCII)
-_HEAD_BYTES = 4096
-_GIF_ADVICE = "convert it, for example with 'magick a.webp a.gif'"
+_STILLS = {*IMAGE_SUFFIXES, *HEIF_SUFFIXES, EXR_SUFFIX} - {".gif"}
+_ANIMATED = (".avif", ".png")  #: images that FFmpeg may read as a video; of HEIC it reads a tile
 _OPTIONS = {"format_whitelist": _FORMATS, "protocol_whitelist": "file"}
 
 
@@ -61,16 +60,6 @@ class RawVideo:
     height: int  #: rows of each
     pixel_format: str  #: FFmpeg's name, such as ``bgr24``
     rate: Fraction  #: frames a second
-
-
-def pixel_format_of(name: str) -> str | None:
-    """FFmpeg's name of a pixel format, ``gray`` for ``gray8``; None if it has no such format."""
-    from av.video.format import VideoFormat  # noqa: PLC0415 - only raw frames need it
-
-    try:
-        return VideoFormat(name).name
-    except ValueError:
-        return None
 
 
 class InputPipe(_Pipe):
@@ -123,22 +112,24 @@ def open_video(
 
     name, options = None, _OPTIONS
     errors: Any = {"metadata_errors": "replace"} if av.__version__ < "19" else {}  # if not UTF-8
-    if not isinstance(source, InputPipe):
-        _check_file(source)
-    elif (raw := source.raw) is not None:
+    if isinstance(source, InputPipe) and (raw := source.raw) is not None:
         name, size = "rawvideo", {"video_size": f"{raw.width}x{raw.height}"}
         options = size | {"pixel_format": raw.pixel_format, "framerate": f"{raw.rate}"}
     # FFmpeg does not take an absolute path for a protocol.
     file = source if isinstance(source, InputPipe) else os.path.abspath(source)  # noqa: PTH100 - links stay as named
+    is_image = not isinstance(source, InputPipe) and source.suffix.lower() in _STILLS
     container = None
     try:
-        container = av.open(file, "r", format=name, options=options, **errors)
+        with os_errors_as(InputError, f"{source} cannot be read"):
+            if not isinstance(source, InputPipe):
+                regular_size(source)
+            container = av.open(file, "r", format=name, options=options, **errors)
         streams = video_streams(container)
         if stream_number is not None and stream_number >= len(streams):
             raise UsageError(f"{source} has {len(streams)} video streams", option="stream")
         stream = streams[stream_number] if stream_number is not None else _longest(streams)
-        is_image = container.format.name == "jpeg_pipe" and _is_image(source)
-        if stream is not None and stream.codec_context is not None and not is_image:
+        is_still = is_image and not str(file).lower().endswith(_ANIMATED)
+        if stream is not None and stream.codec_context is not None and not is_still:
             # Frame threads fill in damage by whatever memory holds, differently in each run.
             stream.thread_type = "SLICE"
             return container, stream
@@ -148,10 +139,12 @@ def open_video(
         container.close()
     if isinstance(source, InputPipe):
         source.check()
-    elif _is_image(source):
-        if b"ANMF" in read_bytes(source, first=_HEAD_BYTES):
-            raise InputError(f"{source} is an animated WebP, which FFmpeg cannot read", _GIF_ADVICE)
-        raise InputError(f"{source} is a single image", SINGLE_IMAGE_ADVICE)
+    elif is_image:
+        if b"ANMF" in read_bytes(source, first=4096):
+            advice = "convert it, for example with 'magick a.webp a.gif'"
+            raise InputError(f"{source} is an animated WebP, which FFmpeg cannot read", advice)
+        advice = "or give its sequence as a folder or a pattern such as a.%04d.png"
+        raise InputError(f"{source} is a single image", f"use 'depthcli predict', {advice}")
     raise InputError(
         f"{source} holds no video that can be read: damaged, cut off, without a video stream, "
         "or of a codec that FFmpeg does not have here",
@@ -177,10 +170,6 @@ def _longest(streams: list[VideoStream]) -> VideoStream | None:
     return max(streams, key=frames, default=None)
 
 
-def _is_image(source: Path | InputPipe) -> bool:
-    return not isinstance(source, InputPipe) and is_single_image(source.name)
-
-
 def pipe_advice(source: Path | InputPipe) -> str:
     """Advice for a pipe that cannot be read; empty for a file."""
     if not isinstance(source, InputPipe):
@@ -188,18 +177,6 @@ def pipe_advice(source: Path | InputPipe) -> str:
     if source.raw is not None:
         return "size or pixel format of {raw} are others than those of the frames that came"
     return "through a pipe, send Matroska, MPEG-TS, NUT or Y4M: most MP4 files have to be files"
-
-
-def _check_file(path: Path) -> None:
-    """Check a file, for clearer errors than FFmpeg's."""
-    with os_errors_as(InputError, f"{path} cannot be read"):
-        size = regular_size(path)
-        with path.open("rb"):  # not read: files such as /proc/kmsg state no size and never end
-            pass
-    if not size:
-        raise InputError(f"{path} is empty")
-    if path.suffix.lower() in HEIF_SUFFIXES:  # FFmpeg would take its first tile for a video
-        raise InputError(f"{path} is a single image", SINGLE_IMAGE_ADVICE)
 
 
 _ADDRESS = re.compile(r"(?i)(rtsps?|https?)://")
@@ -233,8 +210,7 @@ def live_stream(
 
     That is a camera by its number or device, and an address of RTSP or an HLS playlist; with
     ``is_live``, standard input (``-``, of frames as ``raw`` states) and any address of HTTP, which
-    are files otherwise. UsageError if a file is to be live, or this system's cameras cannot be
-    read.
+    are files otherwise. UsageError if a file is to be live.
     """
     if name == "-" and is_live:
         # Unbuffered, as a thread that waits for a buffer would keep the process from ending.
@@ -243,8 +219,6 @@ def live_stream(
     is_camera = _DEVICE.fullmatch(name) or (name.isdecimal() and not Path(name).exists())
     if is_camera:
         reader = _CAMERA_FORMATS.get(sys.platform)
-        if reader is None:
-            raise UsageError(f"{name}: cameras can be read on Linux and macOS only")
         device = f"/dev/video{name}" if name.isdecimal() and reader == "v4l2" else name
         return LiveStream(device, reader, say=say)
     if _PLAYLIST.match(name) or (_ADDRESS.match(name) and (is_live or name[:4].lower() == "rtsp")):

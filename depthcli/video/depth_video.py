@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from depthcli.core.types import DepthKind, DepthMap, Frame, Window, Windows
+from depthcli.core.types import PIXEL_ASPECTS, DepthKind, DepthMap, Frame, Window, Windows
 from depthcli.errors import InputError
-from depthcli.io.marks import LABEL_PREFIX
+from depthcli.io.media import LABEL_PREFIX
 from depthcli.io.stored import metadata
 from depthcli.io.stored.depth import StoredDepth
 from depthcli.video import frames
@@ -81,7 +81,7 @@ class DepthVideo:
             np.zeros((1, 1), np.uint8),
             index=int(metadata.number(label("first_frame")) or 0),
             rate=self._source_rate,  # which the numbers count
-            pixel_aspect=metadata.pixel_aspect_in(label("pixel_aspect")),
+            pixel_aspect=metadata.number(label("pixel_aspect"), *PIXEL_ASPECTS) or 1.0,
             time_code=time_code,
         )
         container.close()
@@ -158,7 +158,7 @@ class DepthVideo:
             decoder = FrameDecoder(container, stream, is_own=bool(self.labels))
             count = first_ticks = 0
             start_s = metadata.number(self.labels.get("start_s")) or 0.0
-            while (frame := decoder.next()) is not None:
+            for frame in decoder.frames:
                 self._check(decoder, count, frame.pts)
                 steps = frame.to_ndarray()
                 first_ticks = first_ticks if count else frame.pts or 0

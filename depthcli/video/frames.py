@@ -9,13 +9,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, TypeVar
 
 if TYPE_CHECKING:
     from av.container import InputContainer
     from av.video.stream import VideoStream
 
     from depthcli.core.types import Frame
+
+_Image = TypeVar("_Image")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,31 +44,25 @@ class Span:
             return rate / self.every.value
         return min(rate, 1 / self.every.value)
 
-    def count(self, frames: int, rate: Fraction) -> int:
-        """Number of frames selected from a video of ``frames`` evenly spaced ones."""
-        return sum(self.selected((index, index / rate) for index in range(frames)))
-
-    def selected(
-        self, frames: Iterable[tuple[int, Fraction]], *, is_live: bool = False
-    ) -> Iterator[bool]:
-        """Whether each frame, a number and a time in seconds, is selected; ends with the span.
+    def select(
+        self, frames: Iterable[tuple[int, Fraction, _Image]], *, is_live: bool = False
+    ) -> Iterator[tuple[int, Fraction, _Image]]:
+        """The selected ones of frames, each a number, a time in seconds and an image.
 
         Of a live stream, the next frame is selected in place of one that was dropped.
         """
         step, is_exact = self.every.value, self.every.in_frames and not is_live
         due: Fraction | None = None
-        for index, time_s in frames:
+        for index, time_s, image in frames:
             if self.end is not None and _at(self.end, index, time_s) >= self.end.value:
                 return
             now = _at(self.every, index, time_s)
             started = _at(self.start, index, time_s) >= self.start.value
             is_due = due is None or (now >= due and not (is_exact and (now - due) % step))
-            if not started or not is_due:
-                yield False
-                continue
-            first = now if due is None else due
-            due = first + ((now - first) // step + 1) * step
-            yield True
+            if started and is_due:
+                first = now if due is None else due
+                due = first + ((now - first) // step + 1) * step
+                yield index, time_s, image
 
 
 WHOLE = Span()  #: every frame
@@ -105,7 +101,10 @@ class FrameSource(ABC):
 
     def count(self, span: Span) -> int | None:
         """Number of frames in a span; None if that is not known."""
-        return None if self.frames_stated is None else span.count(self.frames_stated, self.rate)
+        if self.frames_stated is None:
+            return None
+        evenly = ((index, index / self.rate, None) for index in range(self.frames_stated))
+        return sum(1 for _ in span.select(evenly))
 
     def close(self) -> None:  # noqa: B027 - there may be none
         """Close the files."""

@@ -15,8 +15,7 @@ from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixe
 from depthcli.core.types import Frame
 from depthcli.errors import InputError, UsageError
 from depthcli.video.container import STREAMED_FORMATS, LiveStream, open_video, video_streams
-from depthcli.video.converter import FrameConverter
-from depthcli.video.decoder import FrameDecoder
+from depthcli.video.decoder import FrameConverter, FrameDecoder
 from depthcli.video.frames import FALLBACK_RATE, WHOLE, FrameSource, Span, exact_rate
 
 MOST_ATTEMPTS = 10  #: to open a lost stream again, before it is given up
@@ -51,15 +50,6 @@ def _opened(stream: LiveStream, number: int | None) -> tuple[InputContainer, Vid
         return container, best  # type: ignore[return-value] # the best of a kind is of that kind
     container.close()
     raise UsageError(f"{stream} has {len(streams)} video streams", option="stream")
-
-
-@dataclass(frozen=True, slots=True)
-class LiveFrame:
-    """A decoded frame."""
-
-    image: VideoFrame  #: as FFmpeg decoded it
-    number: int  #: among all frames that came, from 0
-    time_s: float  #: of its arrival, by the monotonic clock
 
 
 @dataclass(slots=True)
@@ -100,7 +90,8 @@ class LiveSource(FrameSource):
         self._stream, self._number = stream, number
         self._pixel_aspect: Fraction | None = None
         self._news = threading.Condition()
-        self._newest: LiveFrame | None = None
+        #: number among all frames that came, monotonic time of its arrival in seconds, image
+        self._newest: tuple[int, float, VideoFrame] | None = None
         self._error: BaseException | None = None
         self._has_ended = False
         # A daemon, as FFmpeg may wait for data of a stream that is not wanted any more.
@@ -108,7 +99,7 @@ class LiveSource(FrameSource):
         first = self._next()
         if first is None:
             raise InputError(f"{stream} ended before its first frame")
-        image = first.image
+        image = first[2]
         check_pixel_count(str(stream), image.width, image.height, max_pixels)
         self._first = first
         self._converter = FrameConverter(image, self._pixel_aspect, options)
@@ -116,12 +107,9 @@ class LiveSource(FrameSource):
 
     def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
         """Convert the newest frame whenever one is asked for; as of :class:`FrameSource`."""
-        for selected in span.selected(self._numbers_and_times(), is_live=True):
-            if not selected:
-                continue
-            number, image = self._current.number, self._current.image
+        for number, time_s, image in span.select(self._timed(), is_live=True):
             try:
-                frame = self._converter.image(image, number, self._time_s)
+                frame = self._converter.image(image, number, time_s)
             except InputError as error:
                 self.problem = str(error)
                 break
@@ -129,20 +117,20 @@ class LiveSource(FrameSource):
             yield frame
         self._stream.stop.set()
 
-    def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
-        frame: LiveFrame | None = self._first
-        ticks = -1
+    def _timed(self) -> Iterator[tuple[int, Fraction, VideoFrame]]:
+        frame: tuple[int, float, VideoFrame] | None = self._first
+        ticks, first_s = -1, self._first[1]
         while frame is not None:
-            ticks = max(ticks + 1, round((frame.time_s - self._first.time_s) / float(_TICK_S)))
-            self._current, self._time_s = frame, ticks * _TICK_S
-            yield frame.number, self._time_s
+            number, now_s, image = frame
+            ticks = max(ticks + 1, round((now_s - first_s) / float(_TICK_S)))
+            yield number, ticks * _TICK_S, image
             frame = self._next()
 
     def close(self) -> None:
         """Stop the stream."""
         self._stream.stop.set()
 
-    def _next(self) -> LiveFrame | None:
+    def _next(self) -> tuple[int, float, VideoFrame] | None:
         """Wait for a frame that was not returned yet; None when the stream ended or was stopped."""
         stop = self._stream.stop
         with self._news:
@@ -199,7 +187,7 @@ class LiveSource(FrameSource):
             # HLS comes in parts of seconds, whose frames would be late all at once.
             is_hls, self._origin_s = container.format.name == _HLS, float("inf")
             decoder, before = FrameDecoder(container, stream), self.counts.received
-            for frame in iter(decoder.next, None):
+            for frame in decoder.frames:
                 if is_hls and frame.time is not None:
                     self._wait_until(frame.time)
                 if self._stream.stop.is_set():
@@ -209,7 +197,7 @@ class LiveSource(FrameSource):
                     self._stream.say(f"{self._stream} is back")
                 with self._news:
                     self.counts.dropped += self._newest is not None
-                    self._newest = LiveFrame(frame, self.counts.received, time.monotonic())
+                    self._newest = self.counts.received, time.monotonic(), frame
                     self.counts.received += 1
                     self._news.notify()
             if self._stream.pipe is not None:

@@ -13,22 +13,17 @@ from typing import NamedTuple
 from depthcli.errors import InputError, UsageError, os_errors_as
 from depthcli.io.formats.table import READABLE_SUFFIXES
 from depthcli.io.guard import is_own_image
-from depthcli.io.media import EXR_SUFFIX, HEIF_SUFFIXES, IMAGE_SUFFIXES, is_exr, is_image
+from depthcli.io.media import is_exr, is_image
 from depthcli.io.storage.paths import RemotePath, path_of
 
-SINGLE_IMAGE_ADVICE = (
-    "use 'depthcli predict', or give its sequence as a folder or a pattern such as a.%04d.png"
-)
 _NUMBER = re.compile(r"\d+", re.ASCII)
 _LAST_NUMBER = re.compile(r"(.*?)(\d+)(\D*)", re.ASCII)
 # Seconds since 1970 with decimals, as of TUM, or nanoseconds without leading zeros, as of ROS.
 _SECONDS = re.compile(r"(?<!\d)(1\d{9})([._])(\d{1,9})$", re.ASCII)
 _NANOSECONDS, _DECIMALS = 8, 5  # digits of most; shorter ones may be numbers of frames
-_SHORT = 4  #: numbers with fewer digits and no leading zero are taken as not padded
 # Before a digit, as in "take #2", # is no placeholder.
 _PLACEHOLDER = re.compile(r"%(?:0(\d))?d|(#+)(?![#\d])", re.ASCII)
 _SEPARATORS = "._- "
-_LISTED = 4  #: most patterns that an error lists
 _TIME_STEP, _LEAST_TIME = 1000, 100_000  # microseconds of 10 to 30 images a second are far above
 _MILLISECONDS = 10**12  # since 1970, of the year 2001
 
@@ -43,12 +38,6 @@ def is_sequence(path: str | Path) -> bool:
     path = path_of(path)
     with os_errors_as(InputError, f"{path} cannot be read"):
         return path.is_dir() or (is_pattern(path.name) and not path.exists())
-
-
-def is_single_image(name: str) -> bool:
-    """Whether a name has the suffix of an image; a GIF counts as a video."""
-    suffix = PurePath(name).suffix.lower()
-    return suffix != ".gif" and suffix in (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, EXR_SUFFIX)
 
 
 def numbered_name(pattern: str, number: int) -> str:
@@ -74,17 +63,6 @@ def times_ns(stems: Sequence[str]) -> list[int]:
     if len(times) < len(stems) or not is_time:
         return []
     return [int(s + (p.zfill(9) if has_nanoseconds else p.ljust(9, "0"))) for s, _, p in times]
-
-
-def pattern_of(stem: str) -> str | None:
-    """A pattern that a name without suffix fits: ``p.####`` for ``p.0001``; None without number."""
-    match = _LAST_NUMBER.fullmatch(stem)
-    if match is None:
-        return None
-    start, digits, end = match.groups()
-    is_padded = len(digits) >= _SHORT or str(int(digits)) != digits
-    pattern = start + ("#" * len(digits) if is_padded else "%d") + end
-    return pattern if is_pattern(pattern) else None
 
 
 def base_name(stem: str) -> str:
@@ -157,11 +135,6 @@ def are_times(images: Sequence[NumberedImage]) -> bool:
     return is_fine or (step > 1 and last.number >= _MILLISECONDS)
 
 
-def stamps_a_second(stamp: int) -> int | None:
-    """The unit of a time stamp since 1970, by its digits; None if it is another number."""
-    return {13: 10**3, 16: 10**6, 19: 10**9}.get(len(str(stamp)))
-
-
 def listed_names(folder: Path) -> Iterable[str]:
     """The names in a folder, in the order of their characters; OSError if it has no list."""
     if isinstance(folder, RemotePath):
@@ -191,25 +164,6 @@ def _of_folder(folder: Path, paths: Sequence[Path]) -> list[NumberedImage]:
     steps = (min(b.number - a.number for a, b in pairwise(sequence)) for sequence in sequences)
     if not sequences or (len(texts) == 1 and all(step > 1 for step in steps)):
         return [NumberedImage(number, path) for number, path in enumerate(paths)]
-    patterns = []
-    for sequence in sequences[:_LISTED]:
-        path = min((image.path for image in sequence), key=lambda path: len(path.name))
-        patterns.append(f"'{path.with_name((pattern_of(path.stem) or path.stem) + path.suffix)}'")
-    more = f" and {len(sequences) - _LISTED} more" if len(sequences) > _LISTED else ""
-    raise UsageError(
-        f"{folder} holds more than a single image sequence; give one as a pattern: "
-        f"{', '.join(patterns)}{more}"
-    )
-
-
-def segments_pattern(name: str) -> str:
-    """A pattern for the names of a video's segments: ``a.%04d.mkv`` for ``a.mkv``."""
-    path = PurePath(name)
-    return f"{path.stem}.%04d{path.suffix}"
-
-
-def next_segment(folder: Path, patterns: Iterable[str]) -> int:
-    """The number after the last segment of any of these patterns in a folder; 0 if none."""
-    files = os.listdir(folder) if folder.is_dir() else []  # noqa: PTH208 - names
-    numbers = (number_in(pattern, file) for pattern in patterns for file in files)
-    return max((number + 1 for number in numbers if number is not None), default=0)
+    firsts = " and ".join(sequence[0].path.name for sequence in sequences[:2])
+    problem = f"{folder} holds more than a single image sequence, those of {firsts} for example"
+    raise UsageError(problem, "give one as a pattern such as plate.####.png")

@@ -2,7 +2,7 @@
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -20,12 +20,10 @@ from depthcli._version import __version__
 from depthcli.core.arrays import UInt8Array, UInt16Array
 from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
 from depthcli.errors import OutputError, about
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.formats.stereo import StereoWriter
-from depthcli.io.formats.table import Format, writer_of
+from depthcli.io.formats.preview import PreviewWriter, StereoWriter
+from depthcli.io.formats.table import Format, WriterOptions, writer_of
 from depthcli.io.guard import Guard
-from depthcli.io.marks import COMMENT_PREFIX, LABEL_PREFIX
+from depthcli.io.media import COMMENT_PREFIX, LABEL_PREFIX
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.stored.metadata import UINT16_MAX, metadata_texts, normalized, quantized, step_unit
 from depthcli.video.audio import AudioTrack
@@ -45,7 +43,6 @@ from depthcli.video.formats import (
 from depthcli.video.frames import Timing, rate_text, time_code_label
 from depthcli.video.numbering import numbered_name
 
-_SEQUENCE_ADVICE = "choose an image sequence with {format} png16 or exr"
 _REFUSALS = (av.ArgumentError, av.ExternalError, av.UndefinedError, NotImplementedError)  # of sizes
 _BT709 = 1
 _KEYFRAME_INTERVAL_S = 2
@@ -76,18 +73,6 @@ class DepthFrame:
         """The frame without overscan, which formats without a display window cannot mark."""
         depth = displayed_depth(self.depth, self.image.windows)
         return replace(self, image=displayed_frame(self.image), depth=depth)
-
-
-class _WarningCount:
-    """The first of several warnings, and how many there were."""
-
-    def __init__(self) -> None:
-        self.count, self.first = 0, ""
-
-    def add(self, warnings: Sequence[str]) -> None:
-        """Count further warnings."""
-        self.first = self.first or next(iter(warnings), "")
-        self.count += len(warnings)
 
 
 class VideoOutput(ExitStack, ABC):
@@ -198,8 +183,6 @@ class VideoFile(VideoOutput):
             layout = _FRAGMENTS if is_pipe else "+faststart"
             ticks = str(self._timing.time_base.denominator)
             options |= {"movflags": layout, "video_track_timescale": ticks}
-        if not isinstance(target, OutputPipe):
-            target.touch()  # problems with the folder are reported before the work begins
         file = target if is_pipe else str(target)
         container = av.open(file, "w", format=name, container_options=options)
         container.metadata.update(labels)
@@ -242,7 +225,8 @@ class VideoFile(VideoOutput):
         except _REFUSALS as error:
             size = f"{frame.width}×{frame.height}"
             problem = f"no {self._codec} video of {size} pixels can be written"
-            raise OutputError(problem, _SEQUENCE_ADVICE) from error
+            advice = "choose an image sequence with {format} png16 or exr"
+            raise OutputError(problem, advice) from error
         if self._codec == PreviewCodec.AV1:
             _leave_real_time()
 
@@ -407,7 +391,7 @@ class SequenceOutput(VideoOutput):
         super().__init__()
         self._image, self._folder, self._pattern = image, folder, pattern
         self._writer, self._guard = writer_of(image, writing), guard
-        self._warnings = _WarningCount()
+        self._warning, self._warned = "", 0
 
     def encode(self, frame: DepthFrame) -> tuple[str, ...]:
         """Write the file; in any order."""
@@ -419,13 +403,13 @@ class SequenceOutput(VideoOutput):
 
     def append(self, encoded: tuple[str, ...]) -> None:
         """Remember the first warning, and count the frames with one."""
-        self._warnings.add(encoded[:1])
+        if encoded:
+            self._warning, self._warned = self._warning or encoded[0], self._warned + 1
 
     def finish(self) -> tuple[str, ...]:
         """Return the first warning, with their number."""
-        warnings = self._warnings
-        first = about(f"{self._image}: {warnings.count} frames, the first", warnings.first)
-        return (first,) if warnings.count else ()
+        first = about(f"{self._image}: {self._warned} frames, the first", self._warning)
+        return (first,) if self._warned else ()
 
 
 class SegmentedOutput(VideoOutput):
@@ -441,17 +425,12 @@ class SegmentedOutput(VideoOutput):
         """
         super().__init__()
         self._opened, self._length_s, self._number = opened, length_s, number
-        self._output = opened(number)
         self._first_s: float | None = None
-        self._passed, self._warnings = 0, _WarningCount()
+        self._passed, self._warnings = 0, list[str]()
 
     def __enter__(self) -> Self:
-        self._output.__enter__()
-        self.push(self._exit_last)
+        self._output = self.enter_context(self._opened(self._number))
         return self
-
-    def _exit_last(self, *error: Any) -> None:  # noqa: ANN401 - as of any exit
-        self._output.__exit__(*error)
 
     def encode(self, frame: DepthFrame) -> tuple[float, Any]:
         """Encode a frame, for whichever segment it falls into; also returns its time in seconds."""
@@ -463,17 +442,15 @@ class SegmentedOutput(VideoOutput):
         self._first_s = time_s if self._first_s is None else self._first_s
         passed = int((time_s - self._first_s) // self._length_s)
         if passed > self._passed:
-            self._warnings.add(self._output.finish())
-            self._output.__exit__(None, None, None)
+            self._warnings += self._output.finish()
+            self.close()
             self._passed, self._number = passed, self._number + 1
-            self._output = self._opened(self._number)
-            self._output.__enter__()
+            self.__enter__()
         self._output.append(part)
 
     def finish(self) -> tuple[str, ...]:
         """Complete the last segment, and return the first warning of all, with their number."""
-        warnings = self._warnings
-        warnings.add(self._output.finish())
-        if warnings.count <= 1:
-            return (warnings.first,) * warnings.count
-        return (about(f"{warnings.count} segments, the first", warnings.first),)
+        warnings = [*self._warnings, *self._output.finish()]
+        if len(warnings) <= 1:
+            return tuple(warnings)
+        return (about(f"{len(warnings)} segments, the first", warnings[0]),)

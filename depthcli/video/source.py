@@ -1,12 +1,13 @@
-"""The frames of a video, upright and with their times, and the lens that it states."""
+"""The frames of a video or of numbered images, upright and with their times."""
 
 import mmap
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 
 import av
@@ -15,15 +16,16 @@ from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from depthcli.core.options import AS_STATED, MAX_PIXELS, ReadOptions, check_pixel_count
-from depthcli.core.types import Frame
-from depthcli.errors import InputError, Message, UsageError
+from depthcli.core.types import Frame, Window
+from depthcli.errors import InputError, Message, UsageError, about
+from depthcli.io.exr.image import read_exr_image
 from depthcli.io.images.heif import boxes
-from depthcli.io.marks import COMMENT_PREFIX, LABEL_PREFIX
+from depthcli.io.images.read import read_image
+from depthcli.io.media import COMMENT_PREFIX, LABEL_PREFIX, is_exr
 from depthcli.video import frames as clock
 from depthcli.video.container import InputPipe, LiveStream, open_video, pipe_advice, video_streams
-from depthcli.video.converter import FrameConverter
-from depthcli.video.decoder import FrameDecoder, is_incomplete_matroska
-from depthcli.video.numbering import is_sequence
+from depthcli.video.decoder import FrameConverter, FrameDecoder, is_incomplete_matroska
+from depthcli.video.numbering import NumberedImage, are_times, find_images, is_sequence
 
 # Streams without a container, whose average rate FFmpeg sets to 25 whatever they state.
 _RAW_FORMATS = {"cavsvideo", "dirac", "dv", "h261", "h263", "h264", "hevc", "jpeg_pipe",
@@ -60,7 +62,6 @@ class VideoSource(clock.FrameSource):
     width: int  #: columns of an upright frame
     height: int  #: rows of an upright frame
     is_own: bool  #: whether depthcli wrote it: depth, or its preview
-    is_own_depth: bool  #: whether it is depth that depthcli wrote
     frames_stated = None
 
     def __init__(
@@ -90,8 +91,8 @@ class VideoSource(clock.FrameSource):
         self._container, chosen = open_video(self._source, stream)
         self._is_closed = False
         tags = self._container.metadata
-        self.is_own_depth = any(name.startswith(LABEL_PREFIX) for name in tags)
-        self.is_own = self.is_own_depth or any(t.startswith(COMMENT_PREFIX) for t in tags.values())
+        is_own_depth = any(name.startswith(LABEL_PREFIX) for name in tags)
+        self.is_own = is_own_depth or any(t.startswith(COMMENT_PREFIX) for t in tags.values())
         check_pixel_count(str(source), chosen.width, chosen.height, max_pixels)
         rate = _stated_rate(self._container, chosen)
         if rate is None:
@@ -107,13 +108,13 @@ class VideoSource(clock.FrameSource):
             self.warnings += (Message(f"{problem}, and the others are left out", "give {stream}"),)
         self._focal_mm = focal_lengths(self._path, self._container)
         self._time_code = clock.header_time_code(self._container, chosen, self.rate)
-        self._decoder = FrameDecoder(self._container, chosen, is_own=self.is_own_depth)
-        first = self._decoder.next()
+        self._decoder = FrameDecoder(self._container, chosen, is_own=is_own_depth)
+        first = next(self._decoder.frames, None)
         self._check_pipe()
         if first is None:
             problem = f"{source} holds no frame that can be decoded: it is damaged"
             raise InputError(problem, pipe_advice(self._source))
-        self._current, self._is_read = first, False
+        self._first, self._is_read = first, False
         self._converter = FrameConverter(first, chosen.sample_aspect_ratio, options)
         self.width, self.height = self._converter.width, self._converter.height
         self.warnings += self._converter.warnings
@@ -150,16 +151,11 @@ class VideoSource(clock.FrameSource):
         if self._is_read:
             raise UsageError(f"the frames of {self._source} were read", "open it again")
         self._is_read = True
-        return self._frames(span)
-
-    def _frames(self, span: clock.Span) -> Iterator[Frame]:
-        for selected in span.selected(self._numbers_and_times()):
-            if not selected:
-                continue
-            place, code = self._timeline, self._time_code
-            since_first = round(place.time_s * self.rate)
+        code = self._time_code
+        for index, time_s, image in span.select(self._timed()):
+            since_first = round(time_s * self.rate)
             try:
-                frame = self._converter.image(self._current, place.index, place.time_s)
+                frame = self._converter.image(image, index, time_s)
             except InputError as error:
                 self.problem = str(error)
                 return
@@ -177,19 +173,18 @@ class VideoSource(clock.FrameSource):
         self._is_closed = True
         self._container.close()
 
-    def _numbers_and_times(self) -> Iterator[tuple[int, Fraction]]:
-        """Number and time of each frame, while it is the current one."""
-        frame: VideoFrame | None = self._current
+    def _timed(self) -> Iterator[tuple[int, Fraction, VideoFrame]]:
+        """Number, time in seconds and image of each frame."""
+        frame: VideoFrame | None = self._first
         while frame is not None:
-            self._current = frame
             ticks = self._ticks(frame)
             self._timeline.has_gaps = self._decoder.has_gaps
-            place = self._timeline.add(ticks, self._decoder.pop_failed(ticks))
+            index, time_s = self._timeline.add(ticks, self._decoder.pop_failed(ticks))
             self._report_lost()
-            yield place
+            yield index, time_s, frame
             if self._is_closed:  # FFmpeg would read freed memory
                 raise UsageError(f"{self._source} is closed", "read its frames before that")
-            frame = self._decoder.next()
+            frame = next(self._decoder.frames, None)
             self._check_pipe()
         self._check_end()
 
@@ -289,6 +284,131 @@ def _value(kind: int, data: bytes) -> str:
     return f"{int.from_bytes(data[:8])}"
 
 
+_SHOWN = 10
+_TRIES = 10  #: images that are asked for their frame rate
+_CUT = "images with more overscan than the first one, which is cut off"
+
+
+class ImageSequence(clock.FrameSource):
+    """Numbered images, read one after the other."""
+
+    numbers_follow_times = True
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        rate: Fraction | None = None,
+        max_pixels: int = MAX_PIXELS,
+        options: ReadOptions = AS_STATED,
+    ) -> None:
+        """Find the images of a folder or of a pattern such as ``%04d``.
+
+        ``rate`` is frames a second; None for that of the first EXR. Larger images than
+        ``max_pixels`` are refused. InputError if there is none, UsageError if the folder holds
+        more than one sequence.
+        """
+        files = find_images(path)
+        self.paths = tuple(file.path for file in files)
+        if are_times(files):
+            self.name_numbers = [file.number for file in files]
+            files = list(map(NumberedImage, range(len(files)), self.paths))
+        self._files = files
+        self._max_pixels, self._options = max_pixels, options
+        self._overscan: Window | None = None  # that of the first image
+        file_rate = rate or stated_rate(self.paths)
+        self.rate = file_rate or clock.FALLBACK_RATE
+        self.tick_s = Fraction(1, self.rate.numerator)
+        self.frames_stated = len(self._files)
+        self.warnings = tuple(self._warnings(is_timed=file_rate is not None))
+
+    @property
+    def numbers_stated(self) -> tuple[int, int]:
+        """Number of the first and of the last image."""
+        return self._files[0].number, self._files[-1].number
+
+    def frames(self, span: clock.Span = clock.WHOLE) -> Iterator[Frame]:
+        """Read the images of a span; ``index`` is the number in the name."""
+        cut, warnings, sizes_px = 0, self.warnings, None
+        for frame in self._readable(span):
+            found_px = (frame.width, frame.height), frame.display_size_px
+            if sizes_px is None:
+                sizes_px, self._overscan = found_px, _overscan(frame)
+                warnings += tuple(about(str(frame.path), warning) for warning in frame.warnings)
+                self.warnings = warnings
+            if found_px != sizes_px:
+                self.problem = f"{frame.path} has another size; the images before it are done"
+                return
+            if frame.windows and frame.windows.valid != frame.windows.data:
+                cut += 1
+                self.warnings = (*warnings, f"{_CUT}: {cut}, the last of them: {frame.path}")
+            yield frame
+
+    def _readable(self, span: clock.Span) -> Iterator[Frame]:
+        """The images of a span that can be read."""
+        unreadable = list[int]()
+        for number, time_s, path in span.select(self._timed()):
+            try:
+                yield self._read(number, time_s, path)
+            except InputError as error:
+                unreadable.append(number)
+                problem = f"{len(unreadable)} of its images cannot be read ({_listed(unreadable)})"
+                self.problem = f"{problem}, the last of them: {error}"
+
+    def _timed(self) -> Iterator[tuple[int, Fraction, Path]]:
+        """Number, time in seconds and file of each image."""
+        first = self._files[0].number
+        return ((number, (number - first) / self.rate, path) for number, path in self._files)
+
+    def count(self, span: clock.Span) -> int:
+        """Number of images in a span."""
+        return sum(1 for _ in span.select(self._timed()))
+
+    def _read(self, number: int, time_s: Fraction, path: Path) -> Frame:
+        limit, options = self._max_pixels, self._options
+        if is_exr(path.name):
+            overscan = self._overscan
+            image = read_exr_image(path, max_pixels=limit, overscan=overscan, options=options)
+        else:
+            image = read_image(path, max_pixels=limit, **options._asdict())
+        return replace(image, index=number, timestamp_s=float(time_s))
+
+    def _warnings(self, *, is_timed: bool) -> Iterator[str]:
+        if not is_timed:
+            yield Message(f"no frame rate is given; {clock.FALLBACK_RATE} is assumed", "give {fps}")
+        if self.name_numbers:
+            yield f"numbers such as {self.paths[0].stem} are times; frames are counted from 0"
+        ends = [(a + 1, b - 1) for a, b in pairwise(file.number for file in self._files)]
+        gaps = [f"{a}" if a == b else f"{a}–{b}" for a, b in ends if a <= b]
+        if gaps:
+            yield f"missing frames: {_listed(gaps)}; the other frames keep their times"
+
+
+def stated_rate(paths: Sequence[Path]) -> Fraction | None:
+    """The frame rate of the first EXR that can be read, exact; None if none."""
+    for path in (path for path in paths[:_TRIES] if is_exr(path.name)):
+        from depthcli.io.exr.file import read_exr_rate  # noqa: PLC0415 - OpenEXR is slow to load
+
+        with suppress(InputError):  # which reading its pixels reports
+            rate = read_exr_rate(path)
+            return rate and (clock.exact_rate(rate) or rate)
+    return None
+
+
+def _listed(numbers: Sequence[object]) -> str:
+    """The first of several numbers, in a message."""
+    more = f" and {len(numbers) - _SHOWN} more" if len(numbers) > _SHOWN else ""
+    return ", ".join(map(str, numbers[:_SHOWN])) + more
+
+
+def _overscan(frame: Frame) -> Window:
+    """The window of a frame's pixels, relative to the corner of its display window."""
+    if frame.windows is None:
+        return Window(0, 0, frame.width, frame.height)
+    left, top = frame.windows.display[:2]
+    return frame.windows.pixels.moved(-left, -top)
+
+
 def open_frames(
     source: Path | InputPipe | LiveStream,
     *,
@@ -307,8 +427,6 @@ def open_frames(
 
         return LiveSource(source, max_pixels=max_pixels, number=stream, options=options)
     if isinstance(source, Path) and is_sequence(source):
-        from depthcli.video.sequence import ImageSequence  # noqa: PLC0415 - a video needs none
-
         return ImageSequence(source, rate=rate, max_pixels=max_pixels, options=options)
     video = VideoSource(source, max_pixels=max_pixels, stream=stream, options=options)
     if video.is_own:

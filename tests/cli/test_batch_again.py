@@ -160,7 +160,7 @@ def test_a_file_is_processed_when_it_is_complete(cli: Cli) -> None:
 def test_needs_a_local_folder_and_its_extra(inside: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     write_image(inside.folder / "in" / "a.png")
     assert inside("batch", "--files", "list", "-o", "out", "--watch").returncode == 2
-    monkeypatch.delitem(sys.modules, "depthcli.jobs.batch.watch", raising=False)
+    monkeypatch.delitem(sys.modules, "depthcli.jobs.batch.plan", raising=False)
     monkeypatch.setitem(sys.modules, "watchfiles", None)
     done = inside("batch", "in", "-o", "out", "--watch")
     assert (done.returncode, b"[watch]" in done.stderr) == (3, True)

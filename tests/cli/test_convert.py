@@ -16,11 +16,11 @@ from helpers.tiny import write_image
 from depthcli.core.types import DepthMap, Provenance
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
-from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer, SidecarWriter
 from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.raster import FloatWriter
 from depthcli.io.formats.table import Format
-from depthcli.io.listing.folder import NameFilter
+from depthcli.io.listing import NameFilter
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, convert_folder, plan_folder
 
 DEPTH = DepthMap(np.full((6, 8), 2, np.float32), provenance=Provenance("m", "0" * 64, (4, 3), 16.0))
@@ -39,9 +39,9 @@ def files(inside: Cli) -> Path:
     """One map, which states a focal length of 16 pixels, in every format that is read."""
     Png16Writer().write(DEPTH, inside.folder / "d.png")
     ExrWriter().write(DEPTH, inside.folder / "e.exr")
-    NpyWriter().write(DEPTH, inside.folder / "n.npy")
+    FloatWriter().write(DEPTH, inside.folder / "n.npy")
     SidecarWriter().write(DEPTH, inside.folder / "n.json")
-    NpyWriter().write(DEPTH, inside.folder / "bare.npy")
+    FloatWriter().write(DEPTH, inside.folder / "bare.npy")
     return inside.folder
 
 
@@ -190,7 +190,7 @@ TO_EXR = ("convert", "in", "--out", "out", "--format", "exr")
 def depth_file(path: Path, depth_m: float = 2.0) -> Path:
     """A depth file of one depth, as PNG or NPY by its suffix."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    writer = NpyWriter() if path.suffix == ".npy" else Png16Writer()
+    writer = FloatWriter() if path.suffix == ".npy" else Png16Writer()
     writer.write(DepthMap(np.full((6, 8), depth_m, np.float32)), path)
     return path
 

@@ -52,6 +52,23 @@ def test_the_error_does_not_change_depth(unsure: Cli) -> None:
     assert json.loads(done.stdout)["error"] == pytest.approx(np.median(EXPECTED), abs=0.02)
 
 
+def test_depth_that_follows_points_is_surer_near_them(unsure: Cli) -> None:
+    rows = [
+        f"{x},{y},{2 + x / 20}" for x, y in ((2, 2), (2, 20), (8, 12), (12, 4), (14, 20), (6, 6))
+    ]
+    (unsure.folder / "known.csv").write_text("\n".join(["x,y,depth_m", *rows]))
+    errors = {}
+    for fit in ("global", "local"):
+        words = ("--anchors", "known.csv", "--anchors-fit", fit, "--error")
+        unsure("predict", "a.png", "-o", f"{fit}.exr", *words, code=0)
+        errors[fit] = depthcli.read_depth(unsure.folder / f"{fit}.exr").error
+    np.testing.assert_allclose(
+        errors["global"], 1.15 * EXPECTED**1.287 * (7 / 6) ** 0.933, rtol=0.3
+    )
+    ratio = errors["local"] / errors["global"]
+    assert ratio[12, 8] < ratio[12, 24] / 4
+
+
 def test_probe_and_the_page_show_the_error(unsure: Cli) -> None:
     unsure("predict", "a.png", "-o", "a.exr", "--error", code=0)
     error = depthcli.read_depth(unsure.folder / "a.exr").error
@@ -80,8 +97,6 @@ def test_points_with_a_large_error_are_left_out(unsure: Cli, name: str) -> None:
 
 
 def test_what_has_no_error_says_so(unsure: Cli) -> None:
-    words = ("predict", "a.png", "--error", "--anchor", "3,4,2")
-    assert b"known depth" in unsure(*words, code=1).stderr
     write_model(unsure.models / "other", name="other")
     done = unsure("predict", "a.png", "--format", "error", "--model", "other", code=1)
     assert b"'other' is not known" in done.stderr

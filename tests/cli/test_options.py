@@ -16,7 +16,7 @@ from depthcli.cli.options import WritingOptions
 from depthcli.cli.table import COMMANDS, plain_command
 from depthcli.core.options import Colormap, Near
 from depthcli.io.depth.read import read_metadata
-from depthcli.io.formats.options import PreviewOptions
+from depthcli.io.formats.table import PreviewOptions
 
 NORMALIZED = "png16 with --png-normalize or --png-inverse"
 USUAL = 12

@@ -149,10 +149,9 @@ def test_steps_count_numbers_where_some_are_missing(
 
 
 def test_a_frame_that_a_live_stream_dropped_is_replaced_by_the_next() -> None:
-    arrived = ((number, Fraction(number, 25)) for number in (0, 1, 3, 5, 6, 7, 9))  # others dropped
+    arrived = ((n, Fraction(n, 25), None) for n in (0, 1, 3, 5, 6, 7, 9))  # others dropped
     span = Span(every=Point(Fraction(2), in_frames=True))
-    chosen = list(span.selected(arrived, is_live=True))
-    assert chosen == [True, False, True, True, True, False, True]
+    assert [number for number, *_ in span.select(arrived, is_live=True)] == [0, 3, 5, 6, 9]
 
 
 EUROC = "1403636579763555584 1403636579813555456 1403636579863555584"  # MH_01_easy, cam0
@@ -240,10 +239,10 @@ def test_a_damaged_first_plate_costs_no_other(damage: bytes | None, inside: Cli)
 def test_plates_are_never_overwritten(inside: Cli) -> None:
     pattern = plates(inside.folder / "shot", range(1, 4))
     before = (inside.folder / "shot" / "plate.0001.exr").read_bytes()
-    assert inside("video", pattern, "--out", pattern).returncode == 2
+    assert inside("video", pattern, "--out", pattern).returncode == 1
     (inside.folder / "link").symlink_to("shot")
-    done = inside("video", pattern, "--out", "link/plate.%04d.exr", code=2)
-    assert b"is the input" in done.stderr
+    done = inside("video", pattern, "--out", "link/plate.%04d.exr", code=1)
+    assert b"is an input" in done.stderr
     assert (inside.folder / "shot" / "plate.0001.exr").read_bytes() == before
 
 
@@ -299,10 +298,8 @@ def test_the_order_and_numbers_of_a_folder(names: str, expected: str, tmp_path: 
 def test_a_folder_with_two_sequences_is_refused(names: str, patterns: str, tmp_path: Path) -> None:
     for name in names.split():
         (tmp_path / name).touch()
-    with pytest.raises(UsageError) as caught:
+    with pytest.raises(UsageError, match="more than a single image sequence"):
         find_images(tmp_path)
-    said = ", ".join(f"'{tmp_path / pattern}'" for pattern in patterns.split())
-    assert str(caught.value).endswith(f"give one as a pattern: {said}")
     for pattern in patterns.split():
         assert find_images(tmp_path / pattern)
 

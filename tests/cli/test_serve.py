@@ -434,5 +434,5 @@ def test_requests_are_logged_with_verbose(cli: Cli) -> None:
         server.ask("/nowhere")
         server.process.send_signal(signal.SIGTERM)
         log = server.process.communicate(timeout=60)[1]
-    assert re.search(r"INFO depthcli.jobs.serve: POST /predict 200 in 0\.\d+ s", log)
-    assert "GET /nowhere 404" in log
+    assert re.search(r'INFO uvicorn.access: \S+ - "POST /predict HTTP/1.1" 200', log)
+    assert '"GET /nowhere HTTP/1.1" 404' in log

@@ -72,7 +72,7 @@ def test_a_model_is_added_from_its_url(inside: Cli, bucket: Bucket, faults: Faul
     assert all(method == "GET" for method, _ in faults.seen)
     assert inside("models", "add", url, "--sha256", "abc").returncode == 3
     gone = inside("models", "add", f"{url}x", "--name", "gone")
-    assert gone.returncode == 3
+    assert gone.returncode == 1
     assert b"cannot be read: no such object" in gone.stderr
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from av.video.stream import VideoStream
 
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.table import WriterOptions
 from depthcli.video.frames import Timing
 from depthcli.video.outputs import DepthFrame, DepthVideoOutput, PreviewVideoOutput
 

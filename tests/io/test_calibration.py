@@ -125,7 +125,7 @@ def test_files_of_opencv(tmp_path: Path, suffix: str, is_distorted: bool) -> Non
         TOPIC.replace("431.5", "0.8"),
         *(TOPIC.replace("640", columns) for columns in ("0", "640.5")),
         *(TOPIC.replace("431.5", focal_px) for focal_px in ("-431.5", "0")),
-        *(TOPIC.replace("337.8", x) for x in ("'x'", "1280.5", "-641")),
+        *(TOPIC.replace("337.8", x) for x in ("'x'", "1e7")),
         TOPIC.replace("0.0, 1.0]", "1.0]"),
         TOPIC.replace("K: [431.5, 0.0, 337.8, 0.0, 431.5, 250.7, 0.0, 0.0, 1.0]", TRANSPOSED),
         "#" + "x" * 2**20,

@@ -20,10 +20,17 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, OutputError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
-from depthcli.io.formats.npy import NpyWriter
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.png16 import Png16Writer, SidecarWriter
-from depthcli.io.formats.table import FORMATS, Format, format_of, stem_of, writer_class, writer_of
+from depthcli.io.formats.raster import FloatWriter
+from depthcli.io.formats.table import (
+    FORMATS,
+    Format,
+    WriterOptions,
+    format_of,
+    stem_of,
+    writer_class,
+    writer_of,
+)
 from depthcli.io.guard import is_own
 from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.io.stored.metadata import DepthScale
@@ -150,7 +157,7 @@ def test_half_exr_keeps_eleven_bits(tmp_path: Path) -> None:
 @given(ANY_FLOAT)
 def test_npy_is_exact(values: np.ndarray) -> None:
     depth = DepthMap(values, DepthKind.RELATIVE)
-    found = written(NpyWriter(), depth, ".npy", kind=DepthEncoding.RELATIVE)
+    found = written(FloatWriter(), depth, ".npy", kind=DepthEncoding.RELATIVE)
     assert np.array_equal(found.values, np.where(depth.valid, values, np.nan), equal_nan=True)
 
 

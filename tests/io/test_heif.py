@@ -11,7 +11,7 @@ from helpers.heifs import heic, pillow_heif
 from depthcli.errors import InputError
 from depthcli.io.images.heif import is_heif
 from depthcli.io.images.read import check, read_image
-from depthcli.io.listing.folder import Skipped, conversion_hint
+from depthcli.io.listing import Skipped, conversion_hint
 from depthcli.io.media import is_image
 
 WIDTH, HEIGHT = 96, 64

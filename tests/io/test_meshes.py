@@ -18,8 +18,7 @@ from depthcli.core.surface import surface_of
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.geometry import camera_of
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format, writer_of
+from depthcli.io.formats.table import Format, WriterOptions, writer_of
 from depthcli.io.guard import is_own
 
 trimesh = pytest.importorskip("trimesh")

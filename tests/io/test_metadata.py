@@ -20,8 +20,8 @@ from depthcli.errors import InputError, OutputError
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.formats.geometry import PlyWriter
-from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer, SidecarWriter
+from depthcli.io.formats.raster import FloatWriter
 from depthcli.io.formats.table import FORMATS, Format, writer_class
 from depthcli.io.stored.depth import DepthReadOptions, StoredDepth
 from depthcli.io.stored.metadata import DepthScale
@@ -43,19 +43,19 @@ def seen_by(source: CameraSource | None, focal_px: float | None = 2.0) -> DepthM
 
 @pytest.mark.parametrize(
     ("writer", "name"),
-    [(Png16Writer(), "a.png"), (ExrWriter(), "a.exr"), (NpyWriter(), "a.npy")],
+    [(Png16Writer(), "a.png"), (ExrWriter(), "a.exr"), (FloatWriter(), "a.npy")],
     ids=["png", "exr", "npy"],
 )
 @pytest.mark.parametrize("source", WORDS)
 def test_a_file_says_which_camera(
     tmp_path: Path,
-    writer: Png16Writer | ExrWriter | NpyWriter,
+    writer: Png16Writer | ExrWriter | FloatWriter,
     name: str,
     source: CameraSource | None,
 ) -> None:
     path = tmp_path / name
     writer.write(seen_by(source), path)
-    if isinstance(writer, NpyWriter):  # which has no room for words
+    if isinstance(writer, FloatWriter):  # which has no room for words
         SidecarWriter().write(seen_by(source), path.with_suffix(".json"))
     assert read_metadata(path)["camera"] == WORDS[source]
     found = read_stored_depth(path).displayed.provenance

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from PIL import Image
 
-from depthcli.errors import OutputError
 from depthcli.io.images import png as png_encode
 from depthcli.io.images.png import read_chunks, read_text
 
@@ -60,12 +59,6 @@ def test_texts_stand_before_the_pixels(texts: dict[str, str]) -> None:
     assert set(kinds[1:-2]) <= {b"tEXt", b"iTXt"}
     assert (len(kinds), kinds[-2:]) == (3 + len(texts), [b"IDAT", b"IEND"])
     assert read_text(png) == texts
-
-
-@pytest.mark.parametrize("shape", [(0, 3), (3, 0), (0, 0, 3)])
-def test_nothing_is_no_image(shape: tuple[int, ...]) -> None:
-    with pytest.raises(OutputError):
-        png_encode.encode_png(np.zeros(shape, np.uint8))
 
 
 def test_without_libdeflate_the_pixels_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,14 +23,14 @@ from depthcli.core.options import Colormap, Near, StereoLayout
 from depthcli.core.surface import surface_of
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.formats.html import HtmlWriter
 from depthcli.io.formats.preview import (
+    HtmlWriter,
     PreviewWriter,
+    StereoWriter,
     colour_table,
     nearness,
     tick_value,
 )
-from depthcli.io.formats.stereo import StereoWriter
 from depthcli.io.guard import is_own
 
 RAMP_M = np.linspace(1, 9, 60 * 80, dtype=np.float32).reshape(60, 80)

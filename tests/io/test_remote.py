@@ -18,7 +18,7 @@ from helpers.stores import KEYS, Bucket, Faults, remote
 
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.guard import Guard
-from depthcli.io.listing.folder import InputFile, Skipped, list_folder
+from depthcli.io.listing import InputFile, Skipped, list_folder
 from depthcli.io.manifest import OK, CacheKey, Journal, ManifestRow, OutputFile, known_rows
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
@@ -94,7 +94,7 @@ def test_objects_are_read_and_described(bucket: Bucket, faults: Faults) -> None:
         data = b"" if name == "empty.jpg" else name.encode()
         path = remote(bucket.put(name, data))
         assert path.read_bytes() == read_regular(path, 100) == data
-        assert not data or path.read_some(first=3) == data[:3]
+        assert not data or path.read_bytes(first=3) == data[:3]
         assert path.stat().st_size == len(data)
         assert path.is_file()
         assert not path.is_dir()
@@ -305,7 +305,7 @@ def test_files_behind_http(plain_server: tuple[str, list[str]]) -> None:
     server, asked = plain_server
     moved = remote(f"{server}/moved")
     assert moved.read_bytes() == b"hello"
-    assert moved.read_some(first=2) == b"he"  # the server knows nothing of ranges
+    assert moved.read_bytes(first=2) == b"he"  # the server knows nothing of ranges
     with pytest.raises(InputError):
         read_bytes(remote(f"{server}/endless"))
     asked.clear()
@@ -365,7 +365,7 @@ def test_credentials_are_those_of_the_usual_chain(
 def test_missing_object_is_an_error(bucket: Bucket) -> None:
     none = remote(bucket.uri("none"))
     with pytest.raises(FileNotFoundError):
-        none.read_some(first=3)
+        none.read_bytes(first=3)
     with pytest.raises(FileNotFoundError):
         none.stat()
     for path in (none, remote("s3://no-such-bucket/x")):

@@ -13,18 +13,21 @@ import pytest
 
 from depthcli.errors import UsageError
 from depthcli.io.images.png import encode_png
-from depthcli.io.listing.folder import (
+from depthcli.io.listing import (
     EXCLUDED,
     NOT_INCLUDED,
     InputFile,
     NameFilter,
     Skipped,
+    column_texts,
     conversion_hint,
     list_folder,
+    listed_inputs,
+    parse_list,
+    read_list,
     skip_summary,
     why_skipped,
 )
-from depthcli.io.listing.path_list import column_texts, listed_inputs, parse_list, read_list
 
 
 def touch(root: Path, *names: str) -> None:
@@ -235,7 +238,7 @@ def test_a_folder_of_parquet_files_is_read_in_the_order_of_names(tmp_path: Path)
     [
         (lambda f: parquet(f / "l.parquet", a=["x"], b=["y"]), None),
         (lambda f: parquet(f / "l.parquet", a=["x"]), "b"),
-        (lambda f: parquet(f / "l.parquet", a=[1]), None),
+        (lambda f: parquet(f / "l.parquet", a=[{"x": 1}]), None),
         (lambda f: csv(f / "l.parquet", ""), None),
         (lambda f: csv(f / "l.parquet", "PAR1"), None),
         (lambda f: csv(f / "l.csv", ""), None),

@@ -18,8 +18,7 @@ from helpers.file_trees import names
 from depthcli.core.types import DepthMap, Frame, Provenance
 from depthcli.errors import OutputError
 from depthcli.io import guard as guards
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format, writer_of
+from depthcli.io.formats.table import Format, WriterOptions, writer_of
 from depthcli.io.guard import Guard, is_own
 from depthcli.io.storage import temporary as temporaries
 from depthcli.io.storage.atomic import (

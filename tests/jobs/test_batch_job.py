@@ -21,8 +21,7 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.options import GPU_BATCH
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.manifest import FAILED, OK, CacheKey
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, dry_run
@@ -153,7 +152,7 @@ def test_pixel_limit_holds_in_dry_run_and_batch(tmp_path: Path) -> None:
     images(tmp_path)
     write_mp4(tmp_path / "in" / "clip.mp4", flat_frames([9, 99]))
     asked = request(tmp_path, options=BatchOptions(max_pixels=24 * 32))
-    would = {one.input: one.error for one in dry_run(asked, asked.model.load())}
+    would = {name: error for _, name, _, error in dry_run(asked, asked.model.load())}
     became = {result.row.input: result.row.error for result in Batch(asked)}
     assert [name for name in NAMES if would[name] is None] == ["a.png"]
     assert {name: would[name] for name in NAMES} == {name: became[name] for name in NAMES}
@@ -198,7 +197,7 @@ def cache_key(
     [
         BatchOptions(formats=(Format.PNG16, Format.NPY)),
         BatchOptions(camera=Intrinsics(300.0)),
-        *(BatchOptions(writing=replace(DEFAULTS, **{field.name: 7})) for field in fields(DEFAULTS)),
+        *(BatchOptions(writing=replace(DEFAULTS, **{field.name: 3})) for field in fields(DEFAULTS)),
     ],
 )
 def test_every_option_of_the_outputs_counts(tmp_path: Path, changed: BatchOptions) -> None:

@@ -17,9 +17,8 @@ from helpers.tiny import endless_onnx, synthetic_image, write_image, write_model
 
 from depthcli.errors import EngineError, ModelError
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.batch.engine import WorkerProcesses, process_count
 from depthcli.jobs.batch.run import Batch, BatchRequest
-from depthcli.jobs.batch.workers import WorkerSpec
+from depthcli.jobs.batch.workers import WorkerProcesses, WorkerSpec, process_count
 
 MANY = 200
 

@@ -19,13 +19,12 @@ from helpers.videos import write_mp4
 
 from depthcli.errors import EngineError, ModelError, UsageError
 from depthcli.io.manifest import FAILED
-from depthcli.jobs.batch.engine import Engine
 from depthcli.jobs.batch.manifests import read_rows
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.ray import LOCAL_CLUSTER, RayEngine
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchResult
-from depthcli.jobs.batch.workers import WorkerSpec
+from depthcli.jobs.batch.workers import Engine, WorkerSpec
 
 ray = pytest.importorskip("ray")
 COUNT = 30

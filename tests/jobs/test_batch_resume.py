@@ -14,9 +14,8 @@ from depthcli.core.camera import Anchor, Intrinsics
 from depthcli.core.options import AUTO_TILE, DepthFit, ReadOptions, UpsamplingOptions
 from depthcli.errors import Message, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
-from depthcli.io.listing.folder import NameFilter
+from depthcli.io.formats.table import Format, WriterOptions
+from depthcli.io.listing import NameFilter
 from depthcli.io.manifest import (
     FAILED,
     OK,

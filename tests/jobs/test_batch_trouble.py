@@ -19,7 +19,7 @@ from depthcli.errors import OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
-from depthcli.io.listing.folder import InputFile
+from depthcli.io.listing import InputFile
 from depthcli.io.manifest import OK, WHOLE, Journal, Shard, known_rows, parse_row
 from depthcli.jobs.batch.manifests import read_rows
 from depthcli.jobs.batch.plan import BatchPlan, plan_files, plan_folder
@@ -71,7 +71,7 @@ def test_a_dry_run_finds_what_would_not_be_replaced(tmp_path: Path) -> None:
     images(tmp_path)
     write_image(tmp_path / "out" / "a.depth.png")
     asked = request(tmp_path)
-    would = {one.input: one.error for one in dry_run(asked, asked.model.load())}
+    would = {name: error for _, name, _, error in dry_run(asked, asked.model.load())}
     became = {result.row.input: result.row.error for result in Batch(asked)}
     assert would == became
     assert [name for name, error in would.items() if error] == ["a.png"]
@@ -82,7 +82,7 @@ def test_unreadable_folder_fails_with_its_reason(tmp_path: Path) -> None:
     asked = request(tmp_path)
     closed = InputFile("hall", f"{tmp_path}/in/hall", "in/hall cannot be listed: closed")
     asked = replace(asked, plan=replace(asked.plan, inputs=(*asked.plan.inputs, closed)))
-    would = {one.input: one.error for one in dry_run(asked, asked.model.load())}
+    would = {name: error for _, name, _, error in dry_run(asked, asked.model.load())}
     became = {result.row.input: result.row.error for result in Batch(asked)}
     assert would == became == dict.fromkeys(NAMES) | {"hall": closed.problem}
 
@@ -280,7 +280,7 @@ def test_an_output_of_an_earlier_input_is_not_replaced(tmp_path: Path, count: in
         requests = [batch(listed(tmp_path, name, shard=s), tmp_path) for s in shards]
         would = [each for asked in requests for each in dry_run(asked, asked.model.load())]
         rows = [result.row for asked in requests for result in Batch(asked)]
-        assert [each.error for each in would] == [row.error for row in rows]
+        assert [each[-1] for each in would] == [row.error for row in rows]
         assert error in rows[0].error if error else rows[0].error is None
         written = {n: d for n, d in outputs(tmp_path / "out").items() if n.endswith(".png")}
         assert before in ({}, written)

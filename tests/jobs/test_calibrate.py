@@ -13,7 +13,7 @@ from helpers.tiny import fixed_inside, load, synthetic_image, write_image, write
 
 import depthcli
 from depthcli.core.camera import CameraScale, Intrinsics, hfov_deg
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import DepthcliError, InputError, UsageError
 from depthcli.io.calibration import keep_camera, kept_camera
 from depthcli.io.images.read import read_image
 from depthcli.jobs.calibrate import CalibrationRequest, KnownObject, calibrate
@@ -198,6 +198,6 @@ def test_pairs_are_images_and_depth_of_the_same_names(pipeline: Pipeline, tmp_pa
     with pytest.raises(InputError, match="has no known depth for it: a with"):
         calibrate(CalibrationRequest("robot", pipeline, pairs=tmp_path))
     (tmp_path / "empty" / "rgb").mkdir(parents=True)
-    for folder in ("empty", "depth"):  # a flat one, as with --pairs .
-        with pytest.raises(UsageError, match="has no images in rgb/"):
+    for folder, said in ("empty", "no known depth"), ("depth", "rgb cannot be listed"):
+        with pytest.raises(DepthcliError, match=said):
             calibrate(CalibrationRequest("robot", pipeline, pairs=tmp_path / folder))

@@ -19,10 +19,9 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr.file import read_exr_rate
 from depthcli.io.formats.exr import ExrWriter
-from depthcli.io.formats.npy import NpyWriter
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.png16 import Png16Writer
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.raster import FloatWriter
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, RoundTrip, convert, convert_video
 from depthcli.jobs.inspect import depth_at, inspect_file, read_map
@@ -36,14 +35,14 @@ VALUES_M = np.array([[1.0004, 2, np.nan, 70]], np.float32)
 @pytest.fixture
 def depth_npy(tmp_path: Path) -> Path:
     path = tmp_path / "d.npy"
-    NpyWriter().write(DepthMap(VALUES_M), path)
+    FloatWriter().write(DepthMap(VALUES_M), path)
     return path
 
 
 @pytest.mark.parametrize("name", ["d.npy", "d.exr"])
 def test_zero_negative_and_infinite_metres_are_no_depth(name: str, tmp_path: Path) -> None:
     path, values_m = tmp_path / name, np.float32([[0, -1, np.inf, np.nan, 2, 3]])
-    (NpyWriter() if name == "d.npy" else ExrWriter()).write(DepthMap(values_m), path)
+    (FloatWriter() if name == "d.npy" else ExrWriter()).write(DepthMap(values_m), path)
     assert inspect_file(str(path)).items() >= {"valid": 2, "min": 2, "max": 3}.items()
     depth = read_map(path).displayed
     assert [depth_at(depth, x, 0).depth for x in range(6)] == [None, None, None, None, 2, 3]

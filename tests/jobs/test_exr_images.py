@@ -32,8 +32,7 @@ from depthcli.core.camera import Anchor, Intrinsics, focal_px_of_hfov
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_metadata, read_stored_depth
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.images.read import read_image
 from depthcli.io.manifest import OK
 from depthcli.io.stored.metadata import camera_text

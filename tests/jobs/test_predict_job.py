@@ -17,8 +17,7 @@ from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import InputError, ModelError, OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.depth.read import read_stored_depth
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions

@@ -13,7 +13,7 @@ from helpers.batches import images, request
 
 from depthcli._version import __version__
 from depthcli.errors import EngineError
-from depthcli.io.listing.folder import InputFile
+from depthcli.io.listing import InputFile
 from depthcli.jobs.batch.ray import LOCAL_CLUSTER, Call, RemoteWorker, _connect, _worker_capacity
 from depthcli.jobs.batch.tasks import BatchTask
 from depthcli.jobs.batch.workers import WorkerSpec
@@ -37,7 +37,7 @@ def test_a_worker_takes_the_folder_and_the_threads_that_it_is_given(
 
 
 def test_a_video_that_lost_its_worker_stays_one_call() -> None:
-    call = Call(((BatchTask(InputFile("a.mp4", "in/a.mp4"), {}),),), is_video=True)
+    call = Call(((BatchTask(InputFile("a.mp4", "in/a.mp4"), {}),),))
     assert list(call.split()) == [replace(call, lost_workers=1)]
 
 

@@ -25,7 +25,7 @@ from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.predict import predict
-from depthcli.jobs.serve import Asked, DepthServer, Limits, Sent
+from depthcli.jobs.serve import Asked, DepthServer, Limits
 from depthcli.jobs.video.plan import VideoSettings
 from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
@@ -71,7 +71,7 @@ def by_serve(image: Path, loader: SessionLoader, _out: Path) -> Result:
     asked = Asked(camera=CAMERA, format=Format.NPY)
     limits = Limits(workers=1, queue=1, timeout_s=60, max_bytes=10**6, max_pixels=10**6)
     server = DepthServer(loader.load(), lambda _query, _known: asked, limits)
-    response = server._answer((), Sent(image.read_bytes()))
+    response = server._answer((), [("", image.read_bytes())])
     facts = json.loads(response.headers["Depth-Facts"])
     return Result(response.body, tuple(facts["warnings"]))
 

@@ -42,6 +42,27 @@ def test_two_anchors_of_similar_depth_do_not_move_a_metric_map_far() -> None:
     assert same.values[0, 3] / same.values[0, 0] == pytest.approx(4, rel=0.05)
 
 
+@pytest.mark.parametrize(
+    ("fit", "law"), [(DepthFit.GLOBAL, (1.15, 1.287)), (DepthFit.LOCAL, (7.9, 1.594))]
+)
+def test_the_expected_error_is_by_the_distance_to_the_nearest_point(
+    fit: DepthFit, law: tuple[float, float]
+) -> None:
+    truth_m, error = RANDOM.uniform(1, 9, (24, 32)), RANDOM.uniform(0.05, 0.2, (24, 32))
+    places = [(3, 4), (3, 20), (9, 9), (15, 2), (12, 18), (8, 14)]
+    points = KnownDepth.of([Point(x, y, truth_m[y, x]) for x, y in places])
+    depth = DepthMap(np.float32(truth_m * 1.1), error=np.float32(error))
+    result, _ = fit_known_depth(depth, replace(points, fit=fit))
+    factor, power = law
+    expected = np.zeros_like(error)
+    for y, x in np.ndindex(error.shape):
+        distance = min(math.dist((x, y), place) for place in places) / 32
+        rest = (7 / 6) ** 0.933 if fit is DepthFit.GLOBAL else (distance + 0.01) ** 0.757
+        expected[y, x] = factor * error[y, x] ** power * rest
+    assert result.error is not None
+    np.testing.assert_allclose(result.error, expected, rtol=0.03)  # the distance is to 2 %
+
+
 def test_one_anchor_fits_the_scale() -> None:
     depth = DepthMap(np.array([[1.0, 2.0]], np.float32))
     assert fitted_map(depth, [Point(1, 0, 3.0)]).values == pytest.approx(np.array([[1.5, 3.0]]))

@@ -19,8 +19,8 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
-from depthcli.io.formats.npy import NpyWriter
 from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.raster import FloatWriter
 from depthcli.io.images import heif
 from depthcli.io.images.pixels import upright
 from depthcli.io.images.read import read_image
@@ -160,7 +160,7 @@ def test_a_map_without_metres_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_folder_may_be_an_output_of_convert(tmp_path: Path) -> None:
-    NpyWriter().write(DepthMap(DEPTH_M), tmp_path / "a.depth.npy")
+    FloatWriter().write(DepthMap(DEPTH_M), tmp_path / "a.depth.npy")
     files = KnownDepthFiles(str(tmp_path))
     assert files.file_for("a.jpg") == tmp_path / "a.depth.npy"
     Png16Writer().write(DepthMap(DEPTH_M), tmp_path / "a.depth.png")

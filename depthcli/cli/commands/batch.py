@@ -18,7 +18,7 @@ from depthcli.core.options import GPU_BATCH, SceneLayout, one_line
 from depthcli.core.parallel import share_cores
 from depthcli.errors import ExitCode, UsageError, os_errors_as
 from depthcli.io.formats.table import Format
-from depthcli.io.listing.folder import NameFilter
+from depthcli.io.listing import NameFilter
 from depthcli.io.storage.paths import RemotePath, path_of
 
 if TYPE_CHECKING:
@@ -235,10 +235,10 @@ def _scene_formats(output: OutputOptions, how: dict[str, Any]) -> tuple[Format, 
         return ()
     if output.formats or not how["anchors"]:
         raise UsageError("", "{layout} is for {anchors}, and without {format}, which it chooses")
-    from depthcli.jobs.batch.scene import format_of, writing_for
+    from depthcli.jobs.batch.plan import scene_format
 
-    how["writing"] = writing_for(output.layout, how["writing"])
-    return (format_of(output.layout),)
+    format_, how["writing"] = scene_format(output.layout, how["writing"])
+    return (format_,)
 
 
 def _changes(
@@ -247,25 +247,15 @@ def _changes(
     """Plans of new and changed files of the folder; none without ``--watch``."""
     if not inputs.watch:
         return lambda _stop: iter(())
-    from depthcli.jobs.batch.plan import plan_files
-
     if folder is None or inputs.files or inputs.shard or cameras:
         raise UsageError("", "{watch} is for a folder, without {files}, {shard} and {cameras}")
     place = path_of(folder)
     if isinstance(place, RemotePath) or not place.is_dir():
         raise UsageError(f"{folder} is not a local folder", option="watch")
-    from depthcli.jobs.batch.watch import FolderChanges
+    from depthcli.jobs.batch.plan import changes_of
 
     names_filter = NameFilter.of(inputs.include or (), inputs.exclude or ())
-    changes = FolderChanges(folder, out, names_filter)
-
-    def plans(stop: Event) -> Iterator[BatchPlan]:
-        for changed, names in changes.wait(stop):
-            plan = plan_files(names, folder, folder, out, names_filter)
-            files = (file for file in plan.inputs if file.name in changed)
-            yield replace(plan, inputs=tuple(files), skipped=())
-
-    return plans
+    return changes_of(folder, out, names_filter)
 
 
 def _cluster(options: EngineOptions, progress: Progress) -> RayEngine:
@@ -282,8 +272,8 @@ def _cluster(options: EngineOptions, progress: Progress) -> RayEngine:
 
 
 def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | None) -> BatchPlan:
+    from depthcli.io import listing
     from depthcli.io.archives import holds_images
-    from depthcli.io.listing import path_list
     from depthcli.io.manifest import WHOLE, Shard
     from depthcli.io.media import is_archive
     from depthcli.jobs.batch.plan import plan_files, plan_folder
@@ -309,7 +299,7 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
         return plan
     with os_errors_as(UsageError, "cannot read the list from standard input"):
         stdin = sys.stdin.buffer.read() if files == _STDIO else b""
-    words = path_list.parse_list(stdin) if files == _STDIO else path_list.read_list(files, column)
+    words = listing.parse_list(stdin) if files == _STDIO else listing.read_list(files, column)
     return plan_files(words, files, folder, out, names_filter, shard, cameras)
 
 

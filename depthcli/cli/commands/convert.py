@@ -126,7 +126,7 @@ def convert(
         fps=None if inputs.fps is None else parse.fps(inputs.fps),
     )
     if is_many:
-        from depthcli.io.listing.folder import NameFilter
+        from depthcli.io.listing import NameFilter
 
         names = NameFilter.of(inputs.include or (), inputs.exclude or ())
         plan = job.plan_folder(request, names) if is_folder else job.plan_sequence(request)

@@ -9,8 +9,7 @@ from depthcli.cli import options as groups
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.errors import ExitCode, Message
-from depthcli.io.formats.options import SurfaceOptions, WriterOptions
-from depthcli.io.formats.table import Format, stem_of
+from depthcli.io.formats.table import Format, SurfaceOptions, WriterOptions, stem_of
 
 if TYPE_CHECKING:
     from depthcli.jobs.inspect import AreaDepth, PixelDepth

@@ -128,7 +128,7 @@ def write_new_card(
     from depthcli.cli import parse
     from depthcli.core.types import DepthKind
     from depthcli.io.storage.paths import path_of
-    from depthcli.jobs.new_card import Answers, new_card
+    from depthcli.jobs.models import Answers, new_card
     from depthcli.models.card import Colour
 
     def numbers(word: str | None, name: str) -> tuple[float, ...] | None:
@@ -138,11 +138,11 @@ def write_new_card(
     kind_, colour_ = kind and DepthKind(kind), colour and Colour(colour)
     answers = Answers(kind_, colour_, numbers(mean, "mean"), numbers(std, "std"), depth_output)
     target = None if out is None else path_of(out)
-    card = new_card(path_of(file), target, answers, overwrite=overwrite)
-    for guess in card.guesses:
+    path, guesses = new_card(path_of(file), target, answers, overwrite=overwrite)
+    for guess in guesses:
         console.warn(f"guessed: {guess}")
-    console.out(one_line(str(card.path)))
-    command = shlex.join(["depthcli", "models", "add", file, "--card", str(card.path)])
+    console.out(one_line(str(path)))
+    command = shlex.join(["depthcli", "models", "add", file, "--card", str(path)])
     console.note(one_line(f"check the guesses, then run: {command}"))
     return ExitCode.OK
 

@@ -274,16 +274,12 @@ def parse_segment(word: str) -> float:
 
 
 def parse_raw(word: str) -> RawVideo:
-    """Parse ``640x480:bgr24@30``; UsageError if it is no such, or FFmpeg lacks the format."""
+    """Parse ``640x480:bgr24@30``; UsageError if it is no such."""
     from depthcli.cli import parse
-    from depthcli.video.container import RawVideo, pixel_format_of
+    from depthcli.video.container import RawVideo
 
     size, _, rest = word.partition(":")
-    name, _, rate = rest.partition("@")
-    pixel_format = pixel_format_of(name)
-    if pixel_format is None:
-        problem = f"{short_repr(word)} is not a size, pixel format and rate"
-        raise UsageError(problem, "write, for example, 640x480:bgr24@30", option="raw")
+    pixel_format, _, rate = rest.partition("@")
     return RawVideo(*parse.size(size, "raw"), pixel_format, parse.fps(rate, "raw"))
 
 

@@ -13,7 +13,7 @@ from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthRange
 from depthcli.errors import SIGNAL_BASE, EngineError, ModelError, UsageError, about
-from depthcli.io.listing.folder import skip_summary
+from depthcli.io.listing import skip_summary
 from depthcli.io.stored.metadata import camera_text
 from depthcli.jobs.image import FailedInput, depth_facts
 from depthcli.jobs.predict import PredictResult
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from depthcli.cli.options import ScreenOptions
     from depthcli.core.parallel import Interrupt
     from depthcli.jobs.batch.plan import BatchPlan
-    from depthcli.jobs.batch.run import Batch, DryRunResult
+    from depthcli.jobs.batch.run import Batch, DryRun
     from depthcli.jobs.batch.tasks import BatchResult
     from depthcli.jobs.convert import ConvertResult, FolderPlan
     from depthcli.jobs.video.plan import VideoResult
@@ -112,13 +112,12 @@ def _warn_of_loops(loops: Iterable[str]) -> None:
     console.warn_all(f"{loop} is a link to a folder above it; skipped" for loop in loops)
 
 
-def print_dry_run(results: Iterable[DryRunResult], plan: BatchPlan, *, as_json: bool) -> int:
+def print_dry_run(results: Iterable[DryRun], plan: BatchPlan, *, as_json: bool) -> int:
     """Print what would be done for each input, and the counts; the number that would fail."""
     console.warn_all(plan.warnings)
-    planned = ((row.would, row.input, row.outputs, row.error) for row in results)
     skipped = (("skip", file.name, (), file.reason) for file in plan.skipped)
     counts: Counter[str] = Counter()
-    for would, name, outputs, problem in chain(planned, skipped):
+    for would, name, outputs, problem in chain(results, skipped):
         counts[would] += 1
         paths, error = [str(path) for path in outputs], problem and console.worded(problem)
         if as_json:

@@ -19,15 +19,14 @@ from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import DepthEncoding
 from depthcli.errors import InputError
 from depthcli.io.formats import png16
-from depthcli.io.formats.table import READABLE_SUFFIXES, readable_format, reader_of
+from depthcli.io.formats.table import READABLE_SUFFIXES, reader_of
 from depthcli.io.images import heif
 from depthcli.io.images.jpeg import JPEG_START, exif_of_jpeg, segments
 from depthcli.io.images.pixels import upright
-from depthcli.io.images.read import decode, reader_errors
+from depthcli.io.images.read import check, reader_errors
 from depthcli.io.images.tiff import parse_exif
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.stored.depth import AS_STATED, DepthReadOptions, StoredDepth
-from depthcli.io.stored.sidecar import FileMetadata
 
 _IMAGES = (".jpg", ".jpeg", ".heic", ".heif", ".hif")  # that phones store depth in
 
@@ -40,9 +39,9 @@ def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -
         it states of model, camera, known points and orientation.
     """
     path = path_of(path)
-    format_ = readable_format(path)
-    if format_ is not None:
-        return reader_of(format_)(path, options)
+    read = reader_of(path)
+    if read is not None:
+        return read(path, options)
     stored = read_embedded_depth(path, options) if path.suffix.lower() in _IMAGES else None
     if stored is None:
         problem = f"{path} is not a depth file ({', '.join(READABLE_SUFFIXES)}, .mkv)"
@@ -88,7 +87,8 @@ def read_embedded_depth(path: Path, options: DepthReadOptions) -> StoredDepth | 
     values, texts, warnings = image
     if texts.pop("measure", "") == "OpticRay" and options.kind is None:
         options = replace(options, kind=DepthEncoding.DISTANCE)
-    return StoredDepth.of(path, values, FileMetadata(texts, warnings), options)
+    stored = StoredDepth.of(path, values, texts, options, has_sidecar=False)
+    return replace(stored, warnings=(*warnings, *stored.warnings))
 
 
 def _auxiliary(data: bytes, name: str) -> Found | None:
@@ -124,7 +124,7 @@ def _of_jpeg(data: bytes, name: str) -> Found | None:
     try:
         near, far = float(facts["Near"]), float(facts["Far"])
         content = content or base64.b64decode(facts["Data"])
-        pixels = decode(content, f"{name}: its depth")
+        pixels = check(content, f"{name}: its depth").decode().pixels
     except (KeyError, ValueError, binascii.Error) as error:
         raise InputError(f"{name} has depth that is incomplete") from error
     gray: AnyArray = pixels if pixels.ndim == 2 else pixels[..., 0]  # noqa: PLR2004

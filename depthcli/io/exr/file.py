@@ -3,8 +3,8 @@
 import re
 import sys
 import threading
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import redirect_stdout
 from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
@@ -26,7 +26,7 @@ _LOCK = threading.Lock()  # standard output is redirected meanwhile
 
 
 class _OtherThreads:
-    """Standard output that drops what one thread writes."""
+    """Standard output, where results go, without what OpenEXR's bindings print in one thread."""
 
     def __init__(self, output: TextIO) -> None:
         self._output, self._thread = output, threading.get_ident()
@@ -37,14 +37,6 @@ class _OtherThreads:
     def write(self, text: str) -> int:
         """Pass on what other threads write."""
         return len(text) if threading.get_ident() == self._thread else self._output.write(text)
-
-
-@contextmanager
-def silenced() -> Iterator[None]:
-    """Keep OpenEXR's bindings from printing to standard output, where results go."""
-    others = cast("TextIO", _OtherThreads(sys.stdout))
-    with _LOCK, redirect_stdout(others):
-        yield
 
 
 def _opened(source: Path | bytes) -> BinaryIO:
@@ -159,7 +151,8 @@ def read_exr_channels(
     channels: dict[str, StoredChannel] = {}
     problem = "is not an EXR file that can be read"
     try:
-        with _opened(source) as file, silenced():
+        others = cast("TextIO", _OtherThreads(sys.stdout))
+        with _opened(source) as file, _LOCK, redirect_stdout(others):
             for part in OpenEXR.File(file, header_only=True).parts:
                 if part.header["type"] in _DEEP:
                     raise InputError(f"{label} holds deep data", "flatten it first")

@@ -14,8 +14,8 @@ from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError
 from depthcli.io.exr import file as exr_file
 from depthcli.io.formats.geometry import camera_of
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, stored_depth
+from depthcli.io.formats.table import WriterOptions
+from depthcli.io.stored.depth import DepthReadOptions, StoredDepth
 from depthcli.io.stored.metadata import ERROR, metadata_texts, own_metadata, own_texts
 
 _OPENGL = np.array([1, -1, -1], np.float32)
@@ -111,7 +111,7 @@ def read(path: Path, options: DepthReadOptions) -> StoredDepth:
         time_code=part.time_code,
         view=part.view,
     )
-    result = stored_depth(path, stored.over(part.data), texts, options.for_name(name), frame)
+    result = StoredDepth.of(path, stored.over(part.data), texts, options.for_name(name), frame)
     warnings = (*result.warnings, doubt) if doubt else result.warnings
     if ERROR in channels and "software" in texts:
         error = np.asarray(channels[ERROR].over(part.data), np.float32)

@@ -17,9 +17,9 @@ from depthcli.core.options import one_line
 from depthcli.core.surface import Surface, surface_of
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import Message, OutputError
-from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import WriterOptions
 from depthcli.io.images.png import encode_png
-from depthcli.io.marks import KEY_PREFIX
+from depthcli.io.media import KEY_PREFIX
 from depthcli.io.stored.metadata import SOFTWARE, metadata_texts, own_texts
 
 _NYU = focal_px_of_hfov(63.3, 640), (640, 480)  # assumed if the map states no focal length
@@ -108,7 +108,12 @@ class PlyWriter(SurfaceWriter):
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write one vertex for each pixel with depth; comments in the header have the metadata."""
         surface, warnings = self.surface(depth)
-        points = self._points(surface, frame)
+        valid = surface.valid
+        points = np.empty(int(valid.sum()), _POINT)
+        points["xyz_m"], points["normal"] = surface.xyz_m[valid], surface.normals()[valid]
+        points["rgb"] = 255
+        if frame is not None:
+            points["rgb"] = frame.pixels_8bit()[:: self.stride or 1, :: self.stride or 1][valid]
         numbers = self.joined(surface).faces() if self.faces else np.empty((0, 3), np.uint32)
         faces = np.empty(len(numbers), _FACE)
         faces["count"], faces["numbers"] = 3, numbers
@@ -127,15 +132,6 @@ class PlyWriter(SurfaceWriter):
             file.write(faces.data)
         return warnings
 
-    def _points(self, surface: Surface, frame: Frame | None) -> npt.NDArray[np.void]:
-        valid = surface.valid
-        points = np.empty(int(valid.sum()), _POINT)
-        points["xyz_m"], points["normal"] = surface.xyz_m[valid], surface.normals()[valid]
-        points["rgb"] = 255
-        if frame is not None:
-            points["rgb"] = frame.pixels_8bit()[:: self.stride or 1, :: self.stride or 1][valid]
-        return points
-
 
 # https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html
 _MAGIC, _VERSION = 0x46546C67, 2
@@ -146,6 +142,7 @@ _JPEG_QUALITY = 92
 _MOST_TEXTURE_PX = 8192
 _NEAR_M = 0.01
 _ALIGNMENT = 4
+_CLAMPED = 33071  # at the ends of a texture
 
 
 class Mesh(NamedTuple):
@@ -199,7 +196,13 @@ class GlbWriter(MeshWriter):
             material: dict[str, Any] = {"doubleSided": True}
         else:
             attributes["TEXCOORD_0"] = buffer.add_array(self.uv(mesh, depth), _VERTICES, "VEC2")
-            document |= _texture(buffer, frame, name)
+            view = buffer.add_bytes(texture_jpeg(frame))
+            document |= {
+                "extensionsUsed": ["KHR_materials_unlit"],
+                "images": [{"name": name, "bufferView": view, "mimeType": "image/jpeg"}],
+                "samplers": [{"wrapS": _CLAMPED, "wrapT": _CLAMPED}],
+                "textures": [{"source": 0, "sampler": 0}],
+            }
             material = _UNLIT
         primitive = {"attributes": attributes, "indices": indices, "material": 0}
         document |= {
@@ -211,7 +214,13 @@ class GlbWriter(MeshWriter):
             **buffer.tables(),
         }
         if not depth.provenance.projection.is_other:
-            document["cameras"] = [_camera(depth)]
+            # glTF has no principal point.
+            aspect = depth.provenance.pixel_aspect
+            yfov = 2 * math.atan(depth.height / 2 / (camera_of(depth)[0] * aspect))
+            ratio = depth.width * aspect / depth.height
+            perspective = {"aspectRatio": ratio, "yfov": yfov, "znear": _NEAR_M}
+            camera = {"name": "camera", "type": "perspective", "perspective": perspective}
+            document["cameras"] = [camera]
             document["nodes"].append({"name": "camera", "camera": 0})
             document["scenes"][0]["nodes"].append(1)
         with path.open("wb") as file:  # in parts, as a copy takes .5 GB of 12 megapixels
@@ -264,15 +273,6 @@ class _Buffer:
         }
 
 
-def _camera(depth: DepthMap) -> dict[str, Any]:
-    """A camera at the origin that sees the map; glTF has no principal point."""
-    aspect = depth.provenance.pixel_aspect
-    yfov = 2 * math.atan(depth.height / 2 / (camera_of(depth)[0] * aspect))
-    ratio = depth.width * aspect / depth.height
-    perspective = {"aspectRatio": ratio, "yfov": yfov, "znear": _NEAR_M}
-    return {"name": "camera", "type": "perspective", "perspective": perspective}
-
-
 def texture_jpeg(frame: Frame) -> bytes:
     """The image as JPEG, no larger than graphics cards take."""
     bgr = np.ascontiguousarray(frame.pixels_8bit()[..., ::-1])
@@ -281,17 +281,6 @@ def texture_jpeg(frame: Frame) -> bytes:
         size = [max(1, round(side * share)) for side in (frame.width, frame.height)]
         bgr = np.asarray(cv2.resize(bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
     return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
-
-
-def _texture(buffer: _Buffer, frame: Frame, name: str) -> dict[str, Any]:
-    """The entries of the image as a texture."""
-    view, clamped = buffer.add_bytes(texture_jpeg(frame)), 33071
-    return {
-        "extensionsUsed": ["KHR_materials_unlit"],
-        "images": [{"name": name, "bufferView": view, "mimeType": "image/jpeg"}],
-        "samplers": [{"wrapS": clamped, "wrapT": clamped}],
-        "textures": [{"source": 0, "sampler": 0}],
-    }
 
 
 def _head(document: dict[str, Any], size: int) -> bytes:

@@ -13,14 +13,19 @@ from depthcli.core.imageops import row_bands
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthKind, DepthMap, DepthRange, Frame
 from depthcli.errors import InputError, OutputError
-from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import WriterOptions
 from depthcli.io.images.png import SIGNATURE, encode_png, read_text
-from depthcli.io.images.read import OPENCV_MAX_PIXELS, check, decode
-from depthcli.io.marks import KEY_PREFIX
+from depthcli.io.images.read import OPENCV_MAX_PIXELS, check
+from depthcli.io.media import KEY_PREFIX
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.stored import metadata as facts
-from depthcli.io.stored.depth import DepthReadOptions, StoredDepth, reciprocal, stored_depth
-from depthcli.io.stored.sidecar import SIDECAR_ENDS, with_sidecar
+from depthcli.io.stored.depth import (
+    SIDECAR_ENDS,
+    DepthReadOptions,
+    StoredDepth,
+    reciprocal,
+    with_sidecar,
+)
 
 _GRAY_RANK = 2
 _ERROR_STEPS = 10_000.0
@@ -151,19 +156,19 @@ def stretched(
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     """Depth of a 16-bit gray PNG or PGM of any program."""
     data = read_bytes(path)
-    steps = decode(data, str(path), max_pixels=OPENCV_MAX_PIXELS)
+    steps = check(data, str(path), OPENCV_MAX_PIXELS).decode().pixels
     if steps.dtype != np.uint16 or steps.ndim != _GRAY_RANK:
         raise InputError(
             f"{path} is not 16-bit gray, so it holds no depth; it may be a preview or an image"
         )
-    return stored_depth(path, steps, _own_texts(data), options)
+    return StoredDepth.of(path, steps, _own_texts(data), options)
 
 
 def read_metadata(path: Path) -> Mapping[str, str]:
     """Metadata of a PNG and its sidecar, texts by name; the pixels are not decoded."""
     data = read_bytes(path)
     header = check(data, str(path), OPENCV_MAX_PIXELS).header
-    return with_sidecar(path, _own_texts(data), (header.width, header.height)).texts
+    return with_sidecar(path, _own_texts(data), (header.width, header.height))[0]
 
 
 def _own_texts(data: bytes) -> dict[str, str]:

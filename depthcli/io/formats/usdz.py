@@ -34,30 +34,24 @@ class UsdzWriter(MeshWriter):
         """Write the mesh with the image on it, which the light of a scene does not change."""
         mesh, warnings = self.mesh(depth)
         with temporary_folder() as folder:
+            files, target = [folder / _LAYER], folder / "depth.usdz"
             try:
-                archive = self._archive(folder, mesh, depth, frame)
+                stage = Usd.Stage.CreateNew(str(files[0]))
+                shape = _shape(stage, mesh)
+                stage.SetMetadata("customLayerData", metadata_texts(depth))
+                if frame is not None:
+                    files.append(folder / _TEXTURE)
+                    files[-1].write_bytes(texture_jpeg(frame))
+                    _cover(stage, shape, self.uv(mesh, depth))
+                stage.Save()
+                with Sdf.ZipFileWriter.CreateNew(str(target)) as archive:
+                    for file in files:
+                        os.utime(file, (_TIME_S, _TIME_S))
+                        archive.AddFile(str(file), file.name)
             except (OSError, Tf.ErrorException) as error:
                 raise OutputError(*NO_ROOM) from error
-            path.write_bytes(archive.read_bytes())
+            path.write_bytes(target.read_bytes())
         return warnings
-
-    def _archive(self, folder: Path, mesh: Mesh, depth: DepthMap, frame: Frame | None) -> Path:
-        """The files of the mesh and of its texture, and both in an archive."""
-        files = [folder / _LAYER]
-        stage = Usd.Stage.CreateNew(str(folder / _LAYER))
-        shape = _shape(stage, mesh)
-        stage.SetMetadata("customLayerData", metadata_texts(depth))
-        if frame is not None:
-            files.append(folder / _TEXTURE)
-            files[-1].write_bytes(texture_jpeg(frame))
-            _cover(stage, shape, self.uv(mesh, depth))
-        stage.Save()
-        target = folder / "depth.usdz"
-        with Sdf.ZipFileWriter.CreateNew(str(target)) as archive:
-            for file in files:
-                os.utime(file, (_TIME_S, _TIME_S))
-                archive.AddFile(str(file), file.name)
-        return target
 
 
 def _shape(stage: Any, mesh: Mesh) -> Any:  # noqa: ANN401 - of pxr, which states no types

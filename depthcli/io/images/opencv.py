@@ -17,7 +17,7 @@ _GIF_FRAME = b"\0\x21\xf9\x04"  # the end of a block, and a graphic control exte
 _NUMBER = rb"\s+(?:#[^\n]*\n\s*)*(\d{1,9})"
 _NETPBM = re.compile(rb"P[1-6]" + 2 * _NUMBER + rb"(?:" + _NUMBER + rb")?(?:\r\n|\s)")
 """Width, height and, except for bitmaps, the value of white."""
-_BITMAPS, _PLAIN, _TEXTS = (b"P1", b"P4"), (b"P2", b"P3"), (b"P1", b"P2", b"P3")
+_BITMAPS, _PLAIN = (b"P1", b"P4"), (b"P2", b"P3")
 _BYTE = 0xFF
 _OS2_HEAD = b"\x0c\0\0\0"  # bytes of the header of a BMP of OS/2
 
@@ -134,11 +134,9 @@ def decode_netpbm(data: bytes) -> Decoded:
     OpenCV refuses texts that do not end in a line break, and takes the end of a header in CRLF for
     a pixel.
     """
-    if data.startswith(_TEXTS):
-        return decode_with_opencv(data + b"\n")
     head = _NETPBM.match(data)
     end = head.end() if head else 0
-    return decode_with_opencv(data[:end].replace(b"\r\n", b"\n") + data[end:])
+    return decode_with_opencv(data[:end].replace(b"\r\n", b"\n") + data[end:] + b"\n")
 
 
 def can_round_trip(suffix: str) -> bool:

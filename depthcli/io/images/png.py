@@ -14,14 +14,14 @@ from typing import TypeAlias
 import numpy as np
 
 from depthcli.core.arrays import UInt8Array, UInt16Array
-from depthcli.errors import InputError, OutputError
+from depthcli.errors import InputError
 from depthcli.io.images.opencv import ANIMATED, Decoded, Header, decode_with_opencv
 
 Pixels: TypeAlias = UInt8Array | UInt16Array
 Compressor: TypeAlias = Callable[[UInt8Array], bytes | bytearray]
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
-MAX_LENGTH = 2**31 - 1  #: most bytes of a chunk, and most columns or rows of an image
+_MAX_LENGTH = 2**31 - 1  # bytes of a chunk
 _MAX_PROFILE_BYTES = 2**22
 _STILL = frozenset((b"IHDR", b"PLTE", b"tRNS", b"eXIf", b"IDAT", b"IEND"))
 
@@ -118,15 +118,13 @@ def encode_png(pixels: Pixels, texts: Mapping[str, str] | None = None) -> bytes:
     GIL.
     """
     height, width = pixels.shape[:2]
-    if not (0 < height <= MAX_LENGTH and 0 < width <= MAX_LENGTH):
-        raise OutputError(f"pixels of shape {pixels.shape} do not go into a PNG", "use EXR or NPY")
     colour = _GRAY if pixels.ndim == 2 else _RGB  # noqa: PLR2004
     header = struct.pack(">IIBBBBB", width, height, 8 * pixels.itemsize, colour, 0, 0, 0)
     data = memoryview(_compressor()(_filtered(pixels)))
     chunks = [
         chunk(b"IHDR", header),
         *(text_chunk(keyword, text) for keyword, text in (texts or {}).items()),
-        *(chunk(b"IDAT", data[at : at + MAX_LENGTH]) for at in range(0, len(data), MAX_LENGTH)),
+        *(chunk(b"IDAT", data[at : at + _MAX_LENGTH]) for at in range(0, len(data), _MAX_LENGTH)),
         chunk(b"IEND", b""),
     ]
     return b"".join((SIGNATURE, *chain.from_iterable(chunks)))

@@ -43,8 +43,7 @@ from depthcli.io.images.pixels import (
 )
 from depthcli.io.images.png import SIGNATURE
 from depthcli.io.images.tiff import EXIF_IFD, TIFF_STARTS, Exif, parse_exif, profile_warning
-from depthcli.io.marks import SOFTWARE_KEY
-from depthcli.io.media import CAMERA_RAW, EXR_MAGIC, is_video
+from depthcli.io.media import CAMERA_RAW, EXR_MAGIC, SOFTWARE_KEY, is_video
 from depthcli.io.storage.paths import path_of, read_bytes
 
 OPENCV_MAX_PIXELS = 2**30
@@ -127,18 +126,8 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
     with reader_errors(name):
         header = container.call("{}_header", data)
     width, height = header.width, header.height
-    if width <= 0 or height <= 0:
-        raise InputError(f"{name} claims {width}×{height} pixels", "the image is empty")
     check_pixel_count(name, width, height, max_pixels)
     return CheckedImage(data, name, header, container)
-
-
-def decode(data: bytes, name: str, *, max_pixels: int = MAX_PIXELS) -> AnyArray:
-    """Gray (H, W) or RGB (H, W, 3), of the file's own type, as stored, without alpha.
-
-    Only TIFF, HEIC and what OpenImageIO reads are turned upright.
-    """
-    return check(data, name, max_pixels).decode().pixels
 
 
 @contextmanager
@@ -361,8 +350,6 @@ def frame_of(image: ImageLike, white_level: int | None = None) -> Frame:
         return read_image(path_of(image), white_level=white_level)
     if hasattr(image, "read"):
         image = image.read()
-        if isinstance(image, str):
-            raise InputError("the file is open as text", "open it with mode 'rb'")
     if isinstance(image, (bytes, bytearray, memoryview)):
         name = "the image in memory"
         return read_image(None, bytes(image), name=name, white_level=white_level)
@@ -398,10 +385,8 @@ def _pixels(image: ArrayLike) -> tuple[AnyArray, AnyArray | None]:
 
 
 def _of_pil(image: Any) -> tuple[Frame, AnyArray | None]:  # noqa: ANN401 - PIL need not be installed
-    try:
+    with reader_errors("the PIL image"):
         pixels, alpha = _pixels(_gray_or_rgb(image))
-    except OSError as error:
-        raise InputError(f"the PIL image cannot be read: {error}") from error
     if image.format is None:  # made or changed by a program: its EXIF may be outdated
         return Frame(pixels), alpha
     exif = image.getexif()

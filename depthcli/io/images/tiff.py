@@ -13,7 +13,7 @@ from depthcli.errors import InputError, Message
 from depthcli.io.images.opencv import Decoded, Header, decode_with_opencv
 from depthcli.io.images.openimageio import decode_openimageio, needs_openimageio
 
-_FIELD_TYPES = {1: "B", 3: "H", 4: "I", 5: "II", 7: "B", 8: "h", 9: "i", 13: "I", 16: "Q"}
+_FIELD_TYPES = {1: "B", 2: "B", 3: "H", 4: "I", 5: "II", 7: "B", 8: "h", 9: "i", 13: "I", 16: "Q"}
 """Formats of `struct` by the number of a type; a rational is two numbers."""
 
 
@@ -46,10 +46,7 @@ def read_tags(
 
 
 def tag_entries(
-    data: bytes,
-    tags: Collection[int],
-    at: int | None = None,
-    types: Mapping[int, str] = _FIELD_TYPES,
+    data: bytes, tags: Collection[int], at: int | None = None
 ) -> Iterator[tuple[int, str, int]]:
     """Wanted tags of a directory, with the format and the position of their values."""
     layout = LAYOUTS[data[:4]]
@@ -60,9 +57,9 @@ def tag_entries(
     first = at + struct.calcsize(layout.total)
     for entry in range(first, min(first + layout.entry * count, len(data)), layout.entry):
         tag, kind = unpack_at(order + "HH", data, entry)
-        if tag in tags and kind in types:
+        if tag in tags and kind in _FIELD_TYPES:
             (many,) = unpack_at(number, data, entry + 4)
-            letters = types[kind]
+            letters = _FIELD_TYPES[kind]
             form, position = f"{order}{many * len(letters)}{letters[0]}", entry + layout.value
             if struct.calcsize(form) > struct.calcsize(number):
                 (position,) = unpack_at(number, data, position)
@@ -201,12 +198,12 @@ _TAGS = (
 )
 _ASSOCIATED, _UNASSOCIATED = 1, 2  # alpha: whether colours are multiplied by it
 _EIGHT, _SIXTEEN, _MAX_CHANNELS = 8, 16, 4
-_GDAL_NODATA, _TEXT = 42113, {2: "B"}
+_GDAL_NODATA = 42113
 # With any other, OpenCV returns a black image.
 _COMPRESSIONS_OF_OPENCV = frozenset({1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946, 34676, 34677})
 _UNCOMPRESSED, _DEFLATE = 1, (8, 32946)
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PLANAR, _FLOAT = 0, 1, 2, 2, 3
-_SUBSAMPLED, _CHANNELS = 6, {_RGB: 3, 5: 4, 6: 3}  # by photometric interpretation, at least
+_SUBSAMPLED = 6  # a photometric interpretation
 _STRIPS, _TILES = (273, 279), (324, 325)  # offsets and bytes of each
 _MISSING = InputError("is damaged (strips or tiles of the TIFF are missing)", "copy it again")
 
@@ -280,8 +277,6 @@ def _check_content(data: bytes, tags: Mapping[int, int]) -> None:
     It passes over libtiff's errors in images of 8 bits, so Deflate is decompressed here as well.
     """
     channels, photometric = tags.get(_SAMPLES, 1), tags.get(_PHOTOMETRIC, _BLACK_IS_ZERO)
-    if channels < _CHANNELS.get(photometric, 1):
-        raise InputError(f"is damaged (colours in {channels} channels)", "copy it again")
     width, height = tags[_WIDTH], tags[_HEIGHT]
     across, down = tags.get(_TILE_WIDTH, width), tags.get(_TILE_HEIGHT)
     names = _STRIPS if down is None else _TILES
@@ -323,8 +318,8 @@ def _with_colours_as_stored(data: bytes) -> bytes:
 def no_data_value(data: bytes) -> float:
     """The number that stands for no data in a TIFF by GDAL's tag; NaN if it states none."""
     with suppress(struct.error, ValueError, KeyError):
-        for _, form, position in tag_entries(data, (_GDAL_NODATA,), types=_TEXT):
-            return float(bytes(unpack_at(form, data, position)).strip(b" \0"))
+        for _, text in read_tags(data, (_GDAL_NODATA,)):
+            return float(bytes(text).strip(b" \0"))
     return math.nan
 
 

@@ -25,8 +25,8 @@ class OutputRule(Protocol):
         """Check that outputs may be written to paths; OutputError if not."""
 
 
-def identity_of(path: Path) -> FileIdentity:
-    """Identity of a file, whatever its names and the links that lead to it."""
+def identity_of(path: str | Path) -> FileIdentity:
+    """Identity of a file, whatever its names, and links and missing folders that lead to it."""
     if isinstance(path, RemotePath):
         return str(path)
     place = os.path.realpath(path)  # also through folders that do not exist yet
@@ -82,11 +82,6 @@ def append_whole(file: FileIO, data: bytes) -> int:
             file.truncate(start)
         raise
     return start
-
-
-def is_same_file(path: Path, source: Path) -> bool:
-    """Whether an output path is an existing file, even through folders that do not exist yet."""
-    return identity_of(path) == identity_of(source)
 
 
 _OPEN_STREAM = re.compile(r"/dev/(stdin|stdout|stderr|fd/\d+)|/proc/(self|\d+)/fd/\d+")

@@ -36,6 +36,10 @@ NO_PATH = "a name with an empty, '.' or '..' part cannot be read"
 _REASONS = {
     "NoSuchBucket": (errno.ENOENT, "no such bucket"),
     "configured region": (errno.EINVAL, "it is in another region; set AWS_DEFAULT_REGION"),
+    "get_credentials": (
+        errno.EACCES,
+        "no AWS credentials; sign in ('aws configure'), or set AWS_SKIP_SIGNATURE=true if public",
+    ),
     "Account must be": (errno.EACCES, "no account is given; set AZURE_STORAGE_ACCOUNT_NAME"),
     "status code: 401": (errno.EACCES, "access denied; check the credentials"),
     "status code: 403": (errno.EACCES, "access denied; check the credentials and their rights"),
@@ -82,9 +86,7 @@ class RemotePath(Path, PurePosixPath):
     def __str__(self) -> str:
         if not self.parts or not self.parts[0].endswith(":"):  # relative to a folder
             return "/".join(self.parts) or "."
-        host = self.base.rpartition("@")
-        base = f"{self.parts[0]}//{host[2]}" if self.is_http and host[1] else self.base
-        return f"{base}/{self.key}".rstrip("/")
+        return masked(f"{self.base}/{self.key}").rstrip("/")
 
     def __fspath__(self) -> str:
         return str(self)
@@ -139,11 +141,7 @@ class RemotePath(Path, PurePosixPath):
         """Delete the object; a missing one is not an error."""
         _send_request("delete", self)
 
-    def read_bytes(self) -> bytes:
-        """The whole object."""
-        return self.read_some()
-
-    def read_some(self, max_bytes: int | None = None, *, first: int = -1) -> bytes:
+    def read_bytes(self, max_bytes: int | None = None, *, first: int = -1) -> bytes:
         """The object, if it is not larger than ``max_bytes``, or its ``first`` bytes."""
         if first < 0:
             return b"".join(fetch(self, max_bytes)[1])
@@ -298,12 +296,12 @@ def _store(uri: str) -> ObjectStore:
     }
     retry: RetryConfig = {"max_retries": _retries()}
     more: dict[str, Any] = (
-        {"credential_provider": _aws_credentials(uri)} if uri.startswith("s3://") else {}
+        {"credential_provider": _aws_credentials()} if uri.startswith("s3://") else {}
     )
     return from_url(uri, client_options=client, retry_config=retry, **more)
 
 
-def _aws_credentials(uri: str) -> Any:  # noqa: ANN401 - boto3 has no types
+def _aws_credentials() -> Any:  # noqa: ANN401 - boto3 has no types
     """Credentials of profiles, single sign-on and roles; None if obstore reads the environment."""
     if {"AWS_ACCESS_KEY_ID", "AWS_SKIP_SIGNATURE"} & os.environ.keys():
         return None
@@ -313,13 +311,6 @@ def _aws_credentials(uri: str) -> Any:  # noqa: ANN401 - boto3 has no types
         return Boto3CredentialProvider()
     except ModuleNotFoundError:
         return None
-    except ValueError:
-        raise PermissionError(
-            errno.EACCES,
-            "no AWS credentials found; sign in ('aws configure'), or set AWS_SKIP_SIGNATURE=true "
-            "for a public bucket",
-            uri,
-        ) from None
 
 
 @contextmanager

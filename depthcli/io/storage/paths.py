@@ -100,7 +100,7 @@ def check_writable(path: Path) -> None:
 def read_regular(path: Path, max_bytes: int, *, first: int = -1) -> bytes:
     """Content, or ``first`` bytes, of a regular file of up to ``max_bytes``; else OSError."""
     if isinstance(path, RemotePath):
-        return path.read_some(max_bytes, first=first)
+        return path.read_bytes(max_bytes, first=first)
     size = regular_size(path)
     if size > max_bytes:
         raise OSError(errno.EFBIG, f"it has more than {max_bytes:,} bytes", path)
@@ -141,17 +141,8 @@ def regular_size(path: Path) -> int:
 _PROGRAM = "depthcli"
 
 
-def data_folder() -> Path:
-    """The platform's folder for an application's data: models."""
-    return _user_folder("data")
-
-
-def config_folder() -> Path:
-    """The platform's folder for an application's settings: profiles and cameras."""
-    return _user_folder("config")
-
-
-def _user_folder(kind: Literal["data", "config"]) -> Path:
+def user_folder(kind: Literal["data", "config"]) -> Path:
+    """The platform's folder for an application's data, models, or settings, such as cameras."""
     from platformdirs import PlatformDirs  # noqa: PLC0415 - takes 10 ms
 
     folders = PlatformDirs(_PROGRAM, appauthor=False, roaming=kind == "config")

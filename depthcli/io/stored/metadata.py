@@ -15,7 +15,7 @@ from depthcli.core.imageops import row_bands
 from depthcli.core.options import MILLIMETRES, DepthFit, Projection
 from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthMap, Provenance, has_depth
 from depthcli.errors import Message, UsageError
-from depthcli.io.marks import KEY_PREFIX
+from depthcli.io.media import KEY_PREFIX
 
 SOFTWARE = f"depthcli {__version__}"
 _Value: TypeAlias = str | float | tuple[float, float]
@@ -25,7 +25,7 @@ _SOURCE_TEXTS = {
     CameraSource.CARD: "assumed, from the model's card",
     CameraSource.MODEL: "estimated by the model",
 }
-_LEAST, _MOST = 1e-9, 1e12
+LEAST, _MOST = 1e-9, 1e12  #: positive number, and number, in a file
 _ORIENTATIONS = frozenset("12345678")
 
 
@@ -143,7 +143,7 @@ def of_size(
     now, then = f"{width}×{height}", f"{own[0]}×{own[1]}"
     if abs(width * own[1] - height * own[0]) < max(own):
         scale = width / own[0]
-        if focal_px := positive_number(metadata.get("focal_px")):
+        if focal_px := number(metadata.get("focal_px"), LEAST):
             texts["focal_px"] = _value_text(focal_px * scale)
         if centre := _pair(metadata.get("centre_px")):
             x, y = ((along + 0.5) * scale - 0.5 for along in centre)
@@ -167,38 +167,25 @@ def provenance_of(metadata: Mapping[str, str]) -> Provenance:
         model=metadata.get("model"),
         model_sha256=metadata.get("model_sha256"),
         input_size_px=_size_px(metadata.get("network_size_px")),
-        focal_px=positive_number(metadata.get("focal_px")),
+        focal_px=number(metadata.get("focal_px"), LEAST),
         orientation=int(orientation) if orientation in _ORIENTATIONS else None,
         camera_source=CameraSource(source) if source in tuple(CameraSource) else None,
         centre_px=_pair(metadata.get("centre_px")),
         time_s=number(metadata.get("time_s")),
         anchor_fit=_anchor_fit(metadata.get("anchors")),
-        pixel_aspect=pixel_aspect_in(metadata.get("pixel_aspect")),
+        pixel_aspect=number(metadata.get("pixel_aspect"), *PIXEL_ASPECTS) or 1.0,
         projection=Projection(value) if value in tuple(Projection) else Projection.PINHOLE,
         is_cropped="camera_size_px" in metadata and not {"focal_px", "centre_px"} & set(metadata),
     )
 
 
-def positive_number(text: str | None) -> float | None:
-    """A number above 0 from an untrusted file; None for others, and for extreme ones."""
-    value = number(text)
-    return value if value is not None and value > _LEAST else None
-
-
-def pixel_aspect_in(text: str | None) -> float:
-    """Width by height of a pixel from an untrusted file; 1 for anything else."""
-    value = number(text)
-    low, high = PIXEL_ASPECTS
-    return value if value is not None and low <= value <= high else 1.0
-
-
-def number(text: str | None) -> float | None:
-    """A finite number from an untrusted file; None for anything else, also for large ones."""
+def number(text: str | None, least: float = -_MOST, most: float = _MOST) -> float | None:
+    """A number of a range from an untrusted file; None for anything else."""
     try:
         value = float(text or "")
     except ValueError:
         return None
-    return value if abs(value) < _MOST else None
+    return value if least <= value <= most else None
 
 
 def _number_list(text: str | None) -> list[float | None]:
@@ -245,12 +232,6 @@ class DepthScale(NamedTuple):
         return f"{step_unit(self.units_per_metre)}, {source}"
 
 
-def check_units_per_metre(scale: float) -> None:
-    """Check a number of units per metre."""
-    if not 0 < scale < math.inf:
-        raise UsageError(f"a scale of {scale:g} units per metre is not a number above 0")
-
-
 def depth_scale(
     metadata: Mapping[str, str],
     option: float | None,
@@ -266,14 +247,15 @@ def depth_scale(
     """
     if option is None and metadata.get("scale") in NORMALIZED:
         return None
-    of_file = positive_number(metadata.get("scale"))
+    of_file = number(metadata.get("scale"), LEAST)
     if of_file is None and not is_integer and has_unit and "software" in metadata:
         of_file = 1.0  # depthcli wrote it
     if option is None and of_file is not None:
         return DepthScale(of_file, "file")
     scale = unstated if option is None else option
     if scale is not None:
-        check_units_per_metre(scale)
+        if not 0 < scale < math.inf:
+            raise UsageError(f"a scale of {scale:g} units per metre is not a number above 0")
         return DepthScale(scale, "option")
     return DepthScale(MILLIMETRES if is_integer else 1.0, "assumed") if has_unit else None
 
@@ -283,7 +265,6 @@ def quantized(values: Float32Array, scale: float) -> tuple[UInt16Array, int]:
 
     They are 0 where there is no depth, 1 to 65535 elsewhere; with the number of pixels beyond.
     """
-    check_units_per_metre(scale)
     height, width = values.shape
     steps = np.empty((height, width), np.uint16)
     saturated = 0

@@ -1,21 +1,24 @@
-"""Planning a batch of a folder or a list."""
+"""Planning a batch of a folder or a list, or of what changes in a folder."""
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from threading import Event
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.options import short_repr
-from depthcli.errors import InputError, UsageError
-from depthcli.io.formats.table import Format
+from depthcli.core.options import SceneLayout, short_repr
+from depthcli.errors import DepthcliError, InputError, UsageError
+from depthcli.io import listing
+from depthcli.io.calibration import read_lenses
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.guard import is_own_output
-from depthcli.io.listing import folder as listing
-from depthcli.io.listing.path_list import listed_inputs
+from depthcli.io.listing import listed_inputs
 from depthcli.io.manifest import WHOLE, Shard
 from depthcli.io.media import ARCHIVE_SUFFIXES, is_archive, is_video
 from depthcli.io.storage import paths
-from depthcli.io.tables import read_lenses
 from depthcli.jobs.outputs import OutputNames, sharing_stem, stem
 from depthcli.video.formats import VideoFormat
 
@@ -72,10 +75,6 @@ def _planned(
 ) -> BatchPlan:
     """The plan of files, each with why it is no input; the order of a list does not count."""
     paths.check_writable(paths.path_of(out))
-    try:
-        table = {} if cameras is None else read_lenses(paths.path_of(cameras))
-    except InputError as error:
-        raise UsageError(str(error), option="cameras") from error
     places = listing.RealPaths()
     inputs, skipped = dict[str, listing.InputFile](), dict[listing.Skipped, None]()
     all_names, like_outputs = set[str](), set[str]()
@@ -94,15 +93,10 @@ def _planned(
             reason = listing.TWICE
         if reason is not None:
             skipped[listing.Skipped(file.name, reason)] = None
-    if not all_names:
-        _check_any([*skipped], where)
+    if skipped and not all_names:
+        raise _nothing_left([*skipped], where)
     names = OutputNames(all_names)
-    rows = {name: name if name in table else stem(name) for name in all_names if table}
-    intrinsics = {name: table[rows[name]] for name in inputs if rows.get(name) in table}
-    used = set(rows.values())
-    unused = [row for row in table if row not in used]
-    unmatched = len(inputs) - len(intrinsics)
-    warnings = [*_camera_warnings(cameras, len(table), unused, len(inputs), unmatched)]
+    intrinsics, warnings = _lenses(cameras, all_names, inputs)
     if unreadable := listing.conversion_hint(tuple(skipped)):
         warnings.append(unreadable)
     return BatchPlan(
@@ -120,35 +114,37 @@ def _planned(
     )
 
 
-def _camera_warnings(
-    source: str | None, rows: int, unused: Sequence[str], inputs: int, unmatched: int
-) -> Iterator[str]:
-    """What does not match; UsageError if no row does. ``unmatched`` inputs have no row."""
-    if unused and inputs and len(unused) == rows:
+def _lenses(
+    source: str | None, names: Iterable[str], inputs: Collection[str]
+) -> tuple[dict[str, Intrinsics], list[str]]:
+    """Cameras of inputs by a table, and a warning; UsageError if none of all names has a row."""
+    if source is None:
+        return {}, []
+    try:
+        table = read_lenses(paths.path_of(source))
+    except InputError as error:
+        raise UsageError(str(error), option="cameras") from error
+    rows = {name: name if name in table else stem(name) for name in names}
+    if table and inputs and set(table).isdisjoint(rows.values()):
+        first = short_repr(next(iter(table)))
         raise UsageError(
             f"no row of {source} with a camera matches an input; an id is the path of an input "
-            f"from the folder, with or without its suffix, but the first is {short_repr(unused[0])}"
+            f"from the folder, with or without its suffix, but the first is {first}"
         )
-    if unmatched and source is not None:
-        yield (
-            f"{source} has no camera for {unmatched} of {inputs} inputs; their focal lengths are "
-            "those in EXIF, or assumed"
-        )
-    if unused:
-        example = f"match no input, for example {short_repr(unused[0])}"
-        yield f"{len(unused)} of {rows} rows of {source} {example}"
+    found = {name: table[rows[name]] for name in inputs if rows[name] in table}
+    problem = f"{source} has no camera for {len(inputs) - len(found)} of {len(inputs)} inputs; "
+    problem += "their focal lengths are those in EXIF, or assumed"
+    return found, [problem] if len(found) < len(inputs) else []
 
 
-def _check_any(skipped: Sequence[listing.Skipped], where: str) -> None:
+def _nothing_left(skipped: Sequence[listing.Skipped], where: str) -> DepthcliError:
     reasons, summary = {file.reason for file in skipped}, listing.skip_summary(skipped)
-    if not skipped:
-        return
     if {listing.NOT_INCLUDED, listing.EXCLUDED} & reasons:
-        raise UsageError(f"nothing of {where} is left: {summary}", "change {include} or {exclude}")
+        return UsageError(f"nothing of {where} is left: {summary}", "change {include} or {exclude}")
     hint = listing.conversion_hint(skipped) or ""
     if not hint and ".exr" in reasons:
         hint = "EXR is read by 'predict', by 'video' (a sequence), and by 'batch' from a list"
-    raise InputError(f"no image or video in {where}: {summary}", hint)
+    return InputError(f"no image or video in {where}: {summary}", hint)
 
 
 def plan_folder(
@@ -209,3 +205,62 @@ def plan_files(
     )
     where, out = f"the list {paths.safe_name(source)}", paths.without_file_scheme(out)
     return _planned(files, where, out, names_filter, shard, cameras, is_list=True)
+
+
+_FAR_M = 1e9  # whose inverse is 0: an image's scale depends on its nearest pixel alone
+
+
+def scene_format(layout: SceneLayout, writing: WriterOptions) -> tuple[Format, WriterOptions]:
+    """The format of a layout; for 3D Gaussian splatting its options are inverse depth, from 0."""
+    if layout is SceneLayout.COLMAP:
+        return Format.COLMAP, writing
+    return Format.PNG16, replace(writing, png_inverse=True, vmax=writing.vmax or _FAR_M)
+
+
+_SETTLE_S = 1.0
+_LOOK_MS = 500
+
+
+def changes_of(
+    folder: str, out: str, names_filter: listing.NameFilter
+) -> Callable[[Event], Iterator[BatchPlan]]:
+    """Plans of the images and videos of a folder that are new or changed from now on.
+
+    The plans come until the event is set. A file is new or changed when its size and time have
+    stayed the same for a second, so that it is complete.
+    """
+    from watchfiles import watch  # noqa: PLC0415 - an extra
+
+    def stamps() -> dict[str, tuple[int, int, int]]:
+        """Size, time of the last change and inode of each file."""
+        stamps = {}
+        for file in listing.list_folder(folder, leave_out=out, skip=names_filter.excludes).media:
+            if file.problem is None and names_filter.refusal(file.name) is None:
+                with suppress(OSError):  # it has gone again
+                    status = os.stat(file.path)  # noqa: PTH116 - a path as text
+                    stamps[file.name] = status.st_size, status.st_mtime_ns, status.st_ino
+        return stamps
+
+    def plans(stop: Event) -> Iterator[BatchPlan]:
+        since_s: dict[tuple[str, tuple[int, int, int]], float] = {}
+        is_first = True  # what came before the folder was watched is no change of it
+        for changes in watch(
+            folder,
+            stop_event=stop,
+            rust_timeout=_LOOK_MS,
+            yield_on_timeout=True,
+            raise_interrupt=False,
+        ):
+            if not (changes or since_s or is_first):
+                continue
+            is_first, now_s, present = False, time.monotonic(), stamps()
+            since_s = {file: since_s.get(file, now_s) for file in present.items() - seen.items()}
+            settled = dict(file for file, at_s in since_s.items() if now_s - at_s >= _SETTLE_S)
+            seen.update(settled)
+            if settled:
+                plan = plan_files(present, folder, folder, out, names_filter)
+                files = (file for file in plan.inputs if file.name in settled)
+                yield replace(plan, inputs=tuple(files), skipped=())
+
+    seen = stamps()
+    return plans

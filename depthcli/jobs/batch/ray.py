@@ -30,9 +30,9 @@ from depthcli.core.parallel import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
 from depthcli.io.manifest import CacheKey
 from depthcli.io.storage.paths import RemotePath
-from depthcli.jobs.batch.engine import Chunks, Record
+from depthcli.jobs.batch.plan import holds_many
 from depthcli.jobs.batch.tasks import BatchResult, BatchTask
-from depthcli.jobs.batch.workers import ImageWorker, VideoWorker, WorkerSpec
+from depthcli.jobs.batch.workers import Chunks, Record, Worker, WorkerSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +40,12 @@ class Call:
     """One request to a worker: chunks of images, or a video."""
 
     chunks: tuple[Sequence[BatchTask], ...]
-    is_video: bool = False  #: whether they are one video
     lost_workers: int = 0  #: workers that died with it
 
     def split(self) -> Iterator[Call]:
         """One call for each input, after its worker was lost."""
         for task in chain(*self.chunks):
-            yield Call(((task,),), self.is_video, self.lost_workers + 1)
+            yield Call(((task,),), self.lost_workers + 1)
 
     @property
     def task(self) -> BatchTask:
@@ -57,7 +56,7 @@ class Call:
 class RemoteWorker:
     """A worker process on a cluster."""
 
-    _worker: ImageWorker
+    _worker: Worker
 
     def __init__(self, spec: WorkerSpec, folder: str, cpus: float) -> None:
         """Store the arguments; :meth:`start` loads the model, so that its errors are received."""
@@ -81,8 +80,8 @@ class RemoteWorker:
 
     def work(self, call: Call) -> list[BatchResult]:
         """Process the inputs of a call."""
-        if call.is_video:
-            return [VideoWorker(self._worker, self._cpus, NO_PROGRESS).work(call.task)]
+        if holds_many(call.task.input.name):
+            return [self._worker.work_many(call.task, self._cpus, NO_PROGRESS)]
         return [result for chunk in call.chunks for result in self._worker.work(chunk)]
 
 
@@ -140,7 +139,13 @@ class WorkerPool:
             self._handle_failed_start(result)
         else:
             self._start_worker()
-            yield from self._handle_lost_worker(call)
+            if call.lost_workers + 1 < _LOSSES:
+                self._waiting.extendleft(call.split())
+            elif self._key is not None:
+                problem = f"{_LOSSES} worker processes ended while it was processed"
+                advice = "it may need more memory than a worker has"
+                error = InputError(f"{call.task.input.path}: {problem}", advice)
+                yield [call.task.failed_result(error, self._key, time.perf_counter(), None)]
 
     def _result(self, future: Hashable) -> object:
         """The result of a future that is done, or the error by which its worker was lost."""
@@ -170,16 +175,6 @@ class WorkerPool:
             )
         self._start_worker()
 
-    def _handle_lost_worker(self, call: Call) -> Iterator[Sequence[BatchResult]]:
-        if call.lost_workers + 1 < _LOSSES:
-            self._waiting.extendleft(call.split())
-        elif self._key is not None:
-            error = InputError(
-                f"{call.task.input.path}: {_LOSSES} worker processes ended while it was processed; "
-                "it may need more memory than a worker has"
-            )
-            yield [call.task.failed_result(error, self._key, time.perf_counter(), None)]
-
 
 _CHUNKS_PER_CALL = 8
 _SHUTDOWN_TIMEOUT_S = 5.0
@@ -192,7 +187,7 @@ LOCAL_CLUSTER: dict[str, Any] = {
 
 
 class RayEngine:
-    """An :class:`depthcli.jobs.batch.engine.Engine`, connected to a cluster."""
+    """An :class:`depthcli.jobs.batch.workers.Engine`, connected to a cluster."""
 
     def __init__(
         self,
@@ -242,7 +237,7 @@ class RayEngine:
         pool = WorkerPool(self._ray, lambda: worker.remote(spec, here, self._cpus), self._poll)
         rest = iter(chunks)
         groups = iter(lambda: tuple(islice(rest, _CHUNKS_PER_CALL)), ())
-        calls = chain(map(Call, groups), (Call(((task,),), is_video=True) for task in videos))
+        calls = chain(map(Call, groups), (Call(((task,),)) for task in videos))
         try:
             for results in pool.results(calls, self._workers):
                 record(results)

@@ -1,29 +1,46 @@
-"""Running a batch: processes all inputs with an engine and writes the manifest."""
+"""Running a batch: processes all inputs with an engine, and writes the manifest and tables.
+
+The tables are for programs that reconstruct a scene. 3D Gaussian splatting reads
+``sparse/0/depth_params.json`` and ``a.png`` for ``a.jpg`` (github.com/graphdeco-inria/
+gaussian-splatting), nerfstudio reads ``transforms.json`` (docs.nerf.studio), and COLMAP
+``stereo/depth_maps/a.jpg.geometric.bin``.
+"""
 
 import hashlib
+import json
+import os
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import Literal
+from typing import Any, TypeAlias
 
-from depthcli.core.options import GPU_BATCH
+from depthcli.core.options import GPU_BATCH, SceneLayout
 from depthcli.core.parallel import NO_PROGRESS, Progress, share_cores
-from depthcli.errors import InputError, OutputError
+from depthcli.core.validation import FieldError, parsed_json
+from depthcli.errors import InputError, OutputError, UsageError, os_errors_as
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.session import CPU, Session
 from depthcli.inference.transforms import focal_warnings
+from depthcli.io.formats.png16 import read_metadata
+from depthcli.io.guard import Guard
 from depthcli.io.images.read import check
-from depthcli.io.manifest import WHOLE, CacheKey, Journal, known_rows
+from depthcli.io.manifest import WHOLE, Journal, ManifestRow, known_rows
+from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import local_copy, read_bytes, safe_name
 from depthcli.io.storage.temporary import remove_stale
-from depthcli.jobs.batch.engine import Engine, LocalEngine, process_count
+from depthcli.io.stored.metadata import SOFTWARE, UINT16_MAX
 from depthcli.jobs.batch.plan import BatchPlan, holds_many
-from depthcli.jobs.batch.scene import check_tables, write_tables
-from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask, TaskBuilder
-from depthcli.jobs.batch.workers import WorkerSpec, video_checksum
+from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, TaskBuilder
+from depthcli.jobs.batch.workers import (
+    Engine,
+    LocalEngine,
+    WorkerSpec,
+    process_count,
+    video_checksum,
+)
 
 
 @dataclass(slots=True)
@@ -39,10 +56,8 @@ class Tally:
     def add(self, result: BatchResult) -> None:
         """Count a result."""
         error = result.row.error
-        if result.is_kept:
-            self.kept += 1
-        else:
-            self.done += 1
+        self.kept += result.is_kept
+        self.done += not result.is_kept
         if error is not None:
             self.failures.append((result.row.input, error))
 
@@ -176,39 +191,118 @@ class Batch(Iterator[BatchResult]):
             remove_stale(folder)
 
 
-@dataclass(frozen=True, slots=True)
-class DryRunResult:
-    """Plan for an input of a dry run."""
-
-    input: str  #: its name
-    would: Literal["do", "keep", "fail"]  #: process it, keep its valid outputs, or fail
-    outputs: tuple[Path, ...]  #: paths of its outputs
-    error: str | None = None  #: why it would fail; None if it would not
+DryRun: TypeAlias = tuple[str, str, tuple[Path, ...], str | None]
+"""What a batch would do with an input (do, keep or fail), its name, its outputs, and why."""
 
 
-def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRunResult]:
+def dry_run(request: BatchRequest, session: Session) -> Iterator[DryRun]:
     """Yield the plan for each input, in order; UsageError if an output would replace an input."""
-    plan, options = request.plan, request.options
-    TaskBuilder(plan, options).check_conflicts()
-    key = WorkerSpec(request.model, session.model.sha256, options, plan.out).key(session)
-    rows = known_rows(plan.out, plan.shard, plan.names.names)
-    tasks = TaskBuilder(plan, options, rows)
-    return (_dry_run_of(tasks.task(file), request, key) for file in plan.inputs)
+    plan, options, out = request.plan, request.options, request.plan.out
+    tasks = TaskBuilder(plan, options, known_rows(out, plan.shard, plan.names.names))
+    tasks.check_conflicts()
+    key = WorkerSpec(request.model, session.model.sha256, options, out).key(session)
+    for task in map(tasks.task, plan.inputs):
+        file, row, problem = task.input, None, None
+        try:
+            if holds_many(file.name):
+                with local_copy(file.readable_path()) as source:
+                    row = task.reusable_row(out, video_checksum(task, source, options), key)
+            else:
+                data = read_bytes(file.readable_path())
+                check(data, safe_name(file.path), options.max_pixels)
+                points = options.points_for(task)
+                row = task.reusable_row(out, hashlib.sha256(data).hexdigest(), key, points)
+            if row is None:
+                task.check_outputs(overwrite=options.overwrite)
+        except (InputError, OutputError) as error:
+            problem = error.message
+        would = "fail" if problem else "keep" if row else "do"
+        yield would, file.name, tuple(task.outputs.values()), problem
 
 
-def _dry_run_of(task: BatchTask, request: BatchRequest, key: CacheKey) -> DryRunResult:
-    out, options, file = request.plan.out, request.options, task.input
+DEPTH_PARAMS, TRANSFORMS = "depth_params.json", "transforms.json"
+_READER_STEPS = 2**16  # 3D Gaussian splatting divides by it
+_PATHS = ("ply_file_path", "file_path", "mask_path")  # of transforms.json, relative to its folder
+
+
+def check_tables(
+    layout: SceneLayout | None, transforms: Path | None, out: Path, *, overwrite: bool
+) -> None:
+    """Check, before a batch, that its tables may be written.
+
+    OutputError if not, or UsageError if ``transforms`` is not nerfstudio's.
+    """
+    guard = Guard.of([transforms] if transforms else [], overwrite=overwrite)
+    if layout is SceneLayout.GSPLAT:
+        guard.check(out / DEPTH_PARAMS)
+    if transforms is not None:
+        read_transforms(transforms)
+        guard.check(out / TRANSFORMS)
+
+
+def write_tables(
+    layout: SceneLayout | None, transforms: Path | None, out: Path, rows: Iterable[ManifestRow]
+) -> None:
+    """Write the tables of the images that have depth in an output folder."""
+    done = [row for row in rows if row.outputs]
+    if layout is SceneLayout.GSPLAT:
+        _write(out / DEPTH_PARAMS, dict(_depth_params(out, done)))
+    if transforms is not None:
+        _write(out / TRANSFORMS, _with_depth(transforms, out, done))
+
+
+def _depth_params(out: Path, rows: Collection[ManifestRow]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Scale and offset of each PNG, by its name without suffix.
+
+    Inverse depth is ``steps / 65536 * scale + offset``, where the PNG has 1 for the lower end of
+    its range and 65535 for the higher.
+    """
+    paths = (file.path for row in rows for file in row.outputs if file.path.endswith(".png"))
+    for path in (path for path in paths if (out / path).is_file()):
+        texts = read_metadata(out / path)
+        if texts.get("scale") == "inverse":
+            low, high = map(float, texts["range"].split())
+            step = (high - low) / (UINT16_MAX - 1)
+            numbers = {"scale": step * _READER_STEPS, "offset": low - step}
+            yield path.removesuffix(".png"), {**numbers, "software": SOFTWARE}
+
+
+def read_transforms(path: Path) -> dict[str, Any]:
+    """The description of a scene for nerfstudio; UsageError if it cannot be read."""
+    with os_errors_as(UsageError, f"cannot read {path}"):
+        data = path.read_bytes()
     try:
-        if holds_many(file.name):
-            with local_copy(file.readable_path()) as source:
-                row = task.reusable_row(out, video_checksum(task, source, options), key)
-        else:
-            data = read_bytes(file.readable_path())
-            check(data, safe_name(file.path), options.max_pixels)
-            points = options.points_for(task)
-            row = task.reusable_row(out, hashlib.sha256(data).hexdigest(), key, points)
-        if row is None:
-            task.check_outputs(overwrite=options.overwrite)
-    except (InputError, OutputError) as error:
-        return DryRunResult(file.name, "fail", tuple(task.outputs.values()), error.message)
-    return DryRunResult(file.name, "keep" if row else "do", tuple(task.outputs.values()))
+        scene: Any = parsed_json(data)
+        if all(isinstance(frame["file_path"], str) for frame in scene["frames"]):
+            return dict(scene)
+    except (FieldError, KeyError, TypeError):
+        pass
+    raise UsageError(f"{path} has no frames with a file_path", option="transforms")
+
+
+def _with_depth(path: Path, out: Path, rows: Iterable[ManifestRow]) -> dict[str, Any]:
+    """A scene with the depth of each frame; frames without are left out, as nerfstudio needs it."""
+    scene, folder = read_transforms(path), path.parent
+    depths = {
+        os.path.realpath(str(row.input_path)): file.path
+        for row in rows
+        for file in row.outputs
+        if file.path.endswith(".png")
+    }
+    frames = []
+    for frame in scene["frames"]:
+        depth = depths.get(os.path.realpath(folder / frame["file_path"]))
+        if depth is not None:
+            frames.append({**_moved(frame, folder, out), "depth_file_path": depth})
+    return {"software": SOFTWARE, **_moved(scene, folder, out), "frames": frames}
+
+
+def _moved(fields: Mapping[str, Any], folder: Path, out: Path) -> dict[str, Any]:
+    """Fields whose paths start from another folder."""
+    paths = {name: fields[name] for name in _PATHS if name in fields}
+    return {**fields, **{n: os.path.relpath(folder / path, out) for n, path in paths.items()}}
+
+
+def _write(path: Path, table: Mapping[str, Any]) -> None:
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(table, indent=2) + "\n", "utf-8")

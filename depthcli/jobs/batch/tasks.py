@@ -17,10 +17,10 @@ from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io import manifest
 from depthcli.io.formats.table import Format
 from depthcli.io.guard import Guard
-from depthcli.io.listing.folder import InputFile, RealPaths
+from depthcli.io.listing import InputFile, RealPaths
 from depthcli.io.manifest import Rows
 from depthcli.io.media import is_archive, is_video
-from depthcli.io.storage.atomic import is_same_file
+from depthcli.io.storage.atomic import identity_of
 from depthcli.io.storage.objects import masked
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.jobs.batch.plan import BatchPlan
@@ -55,7 +55,7 @@ class BatchOptions(MapOptions):
         if isinstance(source, tuple) or source.is_by_image:
             return self.known_points(image)
         file = source.file_for(task.input.name, shares_stem=task.shares_stem, image=image)
-        if any(is_same_file(output, file) for output in task.outputs.values()):
+        if identity_of(file) in map(identity_of, task.outputs.values()):
             raise InputError(f"{file} is its known depth", "choose another {out}")
         source = replace(source, camera=source.camera.of_image(task.intrinsics))
         return replace(read_file(file, source), fit=self.anchors_fit)
@@ -137,7 +137,8 @@ class BatchTask:
             return None
         if (row.anchors and row.anchors.sha256) != (points.sha256() if points else None):
             return None
-        return row if all(manifest.is_intact(out, file) for file in row.outputs) else None
+        sums = ((manifest.checksum(out / f.path), (f.bytes, f.sha256)) for f in row.outputs)
+        return row if all(now == then for now, then in sums) else None
 
     def check_outputs(self, *, overwrite: bool) -> None:
         """Check the outputs for writing.
@@ -160,7 +161,7 @@ class BatchTask:
             return None
         other = path_of(str(row.input_path))
         with suppress(OSError):
-            if other.exists() and not is_same_file(path_of(self.input.path), other):
+            if other.exists() and identity_of(path_of(self.input.path)) != identity_of(other):
                 return other
         return None
 

@@ -16,9 +16,8 @@ from starlette.responses import HTMLResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from depthcli.errors import UsageError, os_errors_as
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.formats.table import Format, writer_of
+from depthcli.io.formats.table import Format, WriterOptions, writer_of
 from depthcli.video.outputs import DepthFrame, VideoOutput
 
 _HOSTS = ("127.0.0.1", "localhost")  # a web page that wants to read it comes by another name

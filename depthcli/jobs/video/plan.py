@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, BinaryIO
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, format_of
-from depthcli.io.storage import atomic, paths
+from depthcli.io.storage import paths
 from depthcli.jobs import outputs
 from depthcli.jobs.outputs import STDIO, Destination, Kind, MapOptions
 from depthcli.video import container, formats, numbering
@@ -247,8 +248,7 @@ def video_base(source: Path | None) -> str:
 def plan_video(request: VideoRequest) -> VideoPlan:
     """Name every output before anything is read.
 
-    UsageError if a sequence is to go into a pipe, an output is the video itself, or a codec is for
-    another container.
+    UsageError if a sequence is to go into a pipe, or something else than a video into segments.
     """
     name, destination = request.video, request.destination
     if not name:  # as a path, it would be the working directory
@@ -257,7 +257,11 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         raise UsageError("frames without a container are read from '-'", option="raw")
     file = None if name == STDIO or request.live is not None else paths.path_of(name)
     if destination.kind is Kind.STDOUT:
-        folder, names = Path(), _stdout_name(destination.wanted)
+        folder, wanted = Path(), destination.wanted
+        if len(wanted) > 1 or wanted[0] in SEQUENCES:
+            problem = f"'-' takes one of mkv, mp4, webm, mov and stereo, not {' and '.join(wanted)}"
+            raise UsageError(problem, "name a folder", option="out")
+        names = {wanted[0]: STDIO}
     else:
         base = destination.path or (Path() if file is None else file.parent)
         if destination.kind in {Kind.BESIDE, Kind.FOLDER}:
@@ -267,10 +271,7 @@ def plan_video(request: VideoRequest) -> VideoPlan:
     first_segment = 0
     if request.settings.segment_s is not None:
         names, first_segment = _segments(names, folder, request)
-    for format_ in names:
-        if format_.facts.shows_image:
-            formats.preview_codec(format_, request.codec)
-    plan = VideoPlan(
+    return VideoPlan(
         name=paths.safe_name(name),
         source=file
         or request.live
@@ -280,10 +281,6 @@ def plan_video(request: VideoRequest) -> VideoPlan:
         request=request,
         first_segment=first_segment,
     )
-    for path in map(plan.path, names):
-        if file is not None and atomic.is_same_file(path, file):
-            raise UsageError(f"{path} is the input", "choose another {out}")
-    return plan
 
 
 def _segments(
@@ -297,17 +294,8 @@ def _segments(
     if not videos or STDIO in names.values() or isinstance(folder, paths.RemotePath):
         problem = "only video files in a local folder have a limited length"
         raise UsageError(problem, "choose another {out}", option="segment")
-    named = {
-        kind: numbering.segments_pattern(name) if kind in videos else name
-        for kind, name in names.items()
-    }
-    if request.live is None:
-        return named, 0
-    return named, numbering.next_segment(folder, [named[kind] for kind in videos])
-
-
-def _stdout_name(formats_: Sequence[VideoFormat]) -> dict[VideoFormat, str]:
-    if len(formats_) > 1 or formats_[0] in SEQUENCES:
-        problem = f"'-' takes one of mkv, mp4, webm, mov and stereo, not {' and '.join(formats_)}"
-        raise UsageError(problem, "name a folder", option="out")
-    return {formats_[0]: STDIO}
+    segments = {kind: f"{Path(names[kind]).stem}.%04d{Path(names[kind]).suffix}" for kind in videos}
+    files = os.listdir(folder) if request.live and folder.is_dir() else []  # noqa: PTH208 - names
+    taken = (numbering.number_in(each, file) for each in segments.values() for file in files)
+    first = max((number + 1 for number in taken if number is not None), default=0)
+    return {**names, **segments}, first

@@ -62,7 +62,7 @@ class FrameJournal:
 
 def finished_frames(path: Path, fingerprint: str) -> frozenset[int] | None:
     """Numbers of frames that a run with this fingerprint finished; None without such a run."""
-    if path.is_symlink() or not path.is_file():
+    if not path.is_file():
         return None
     head, *lines = path.read_text("utf-8", "replace").splitlines() or [""]
     if head != json.dumps(fingerprint):
@@ -116,18 +116,15 @@ def open_journal(
     can_resume &= is_readable
     with os_errors_as(OutputError, f"cannot write into {plan.folder}", "choose another {out}"):
         journal = FrameJournal()
-        if can_resume:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            origin = _origin(plan, source, pipeline, anchors)
-            earlier = finished_frames(path, origin)
-            numbers = earlier or frozenset()
-            journal = FrameJournal(plan, numbers, earlier is not None, count=len(numbers))
+        origin = _origin(plan, source, pipeline, anchors) if can_resume else ""
+        earlier = finished_frames(path, origin)
         path.unlink(missing_ok=True)
         if can_resume:
-            journal.file = path.open("x", encoding="utf-8")
-            lines = (json.dumps(origin), *map(str, sorted(journal.earlier)))
-            journal.file.write("".join(f"{line}\n" for line in lines))
-            journal.file.flush()
+            path.parent.mkdir(parents=True, exist_ok=True)
+            numbers, file = earlier or frozenset(), path.open("x", encoding="utf-8")
+            journal = FrameJournal(plan, numbers, earlier is not None, file, len(numbers))
+            file.writelines(f"{line}\n" for line in (json.dumps(origin), *sorted(numbers)))
+            file.flush()
     is_kept = True
     try:
         yield journal

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from contextlib import ExitStack
 from dataclasses import replace
 
 from depthcli.core.parallel import NO_PROGRESS, Progress, share_cores
@@ -32,15 +31,13 @@ def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoResul
     loading = replace(request.model, threads=threads).start()
     # Imported here, while the model loads.
     from depthcli.inference.pipeline import Pipeline  # noqa: PLC0415
-    from depthcli.jobs.video.stages import open_source, write_video  # noqa: PLC0415
+    from depthcli.jobs.video.stages import write_video  # noqa: PLC0415
 
     pipeline = Pipeline(loading.result(), request.settings.detail)
-    with ExitStack() as stack:
-        # FFmpeg's libraries open local files.
-        if isinstance(plan.source, RemotePath) and not is_sequence(plan.source):
-            copy = stack.enter_context(local_copy(plan.source, progress))
-            with copy.open("rb") as file:
-                sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-            plan = replace(plan, source=copy, sha256=sha256)
-        source = stack.enter_context(open_source(plan))
-        return write_video(plan, source, pipeline, workers, progress)
+    if not isinstance(plan.source, RemotePath) or is_sequence(plan.source):
+        return write_video(plan, pipeline, workers, progress)
+    with local_copy(plan.source, progress) as copy:  # FFmpeg's libraries open local files
+        with copy.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        plan = replace(plan, source=copy, sha256=sha256)
+        return write_video(plan, pipeline, workers, progress)

@@ -7,7 +7,7 @@ from array import array
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -21,23 +21,21 @@ from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, Message, about
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.transforms import focal_warnings
-from depthcli.io.formats.options import WriterOptions
 from depthcli.io.formats.preview import percentiles
 from depthcli.io.guard import Guard
 from depthcli.io.images.read import undistorted
 from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.stored.depth import remove_video_sidecar
 from depthcli.io.stored.metadata import dequantized, quantized
-from depthcli.io.stored.sidecar import remove_video_sidecar
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
 from depthcli.jobs.video.resume import FrameJournal, open_journal, rounding_scale
 from depthcli.known.frames import KnownDepthOfFrames
-from depthcli.known.points import KnownDepth
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import LiveStream
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frames import FrameSource, Timing
-from depthcli.video.numbering import base_name, stamps_a_second
+from depthcli.video.numbering import base_name
 from depthcli.video.outputs import (
     DepthFrame,
     SegmentedOutput,
@@ -46,6 +44,8 @@ from depthcli.video.outputs import (
     video_file,
 )
 from depthcli.video.source import open_frames
+
+_STAMPS_A_SECOND = {13: 10**3, 16: 10**6, 19: 10**9}  #: by the digits of times since 1970
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,55 +108,42 @@ class FramePredictor:
 
     def _fitted(self, image: Frame, number: int) -> tuple[ImageResult, str | None]:
         """Depth of a frame, and why it is not fitted to known depth, if the video has any."""
+        task = ImageTask(image, self.settings.camera)
         if not self.settings.anchors:
-            return self._run(image, None), None
+            return self.job.run(task), None
         names = self.source.name_numbers
         named = names[number] if names else number
-        stamps = stamps_a_second(named) if names else None
+        stamps = _STAMPS_A_SECOND.get(len(str(named))) if names else None
         try:
             points = self.known.of_frame(
                 named, image.timestamp_s or 0.0, float(self.source.rate), stamps
             )
             if points is not None:
-                return self._run(image, points), None
+                return self.job.run(task._replace(points=points)), None
             advice = "{anchors_within} takes that of the nearest time"
             problem: str = Message(f"frame {number} has no known depth", advice)
         except InputError as error:
             problem = about(f"frame {number}", error.message)
         if self.job.pipeline.card.output.kind is not DepthKind.METRIC:
             raise InputError(problem, "give some for every frame, or another {model}")
-        return self._run(image, None), problem
-
-    def _run(self, image: Frame, points: KnownDepth | None) -> ImageResult:
-        return self.job.run(ImageTask(image, self.settings.camera, points))
-
-
-@dataclass(slots=True)
-class VideoReport:
-    """What is known of the frames so far."""
-
-    raw: temporal.FlickerMeter  #: of the depth before smoothing
-    smoothed: temporal.FlickerMeter  #: of that after it
-    first: tuple[Frame, DepthMap] | None = None  #: the first frame, without pixels, and its depth
-    warnings: tuple[str, ...] = ()  #: about the depth of the first frame
-    unfitted: list[str] = field(default_factory=list)  #: why frames are not fitted
-    scenes: int = 0
-    times_s: array[float] = field(default_factory=lambda: array("d"))
-    numbers: array[int] = field(default_factory=lambda: array("q"))
-
-    def begin(self, frame: DepthFrame, warnings: Iterable[str]) -> None:
-        """Note the first frame, with depth as it is written."""
-        displayed = frame.displayed()
-        self.first = (replace(displayed.image, pixels=np.zeros((1, 1), np.uint8)), displayed.depth)
-        self.warnings = tuple(about(f"frame {frame.image.index}", text) for text in warnings)
+        return self.job.run(task), problem
 
 
 class FrameFilter:
     """Smooths frames and the preview's range over time, and reports on them; in one thread.
 
     Attributes:
-        report: of the frames that have passed.
+        raw: flicker of the depth before smoothing.
+        smoothed: that after it.
+        first: the first frame with its depth, as they are written, without pixels.
+        warnings: about the depth of the first frame, one line each.
+        unfitted: why frames are not fitted to known depth.
+        scenes: how many there are so far.
+        times_s: time of each frame.
+        numbers: number of each.
     """
+
+    first: DepthFrame
 
     def __init__(self, settings: VideoSettings, kind: DepthKind) -> None:
         """Begin before the first frame."""
@@ -164,7 +151,9 @@ class FrameFilter:
         self._changes, self._lock = temporal.ChangeDetector(), temporal.RangeLock()
         self._deflicker = temporal.Deflicker(settings.look_ahead)
         self._smoother = temporal.Smoother()
-        self.report = VideoReport(temporal.FlickerMeter(kind), temporal.FlickerMeter(kind))
+        self.raw, self.smoothed = temporal.FlickerMeter(kind), temporal.FlickerMeter(kind)
+        self.warnings, self.unfitted, self.scenes = tuple[str, ...](), list[str](), 0
+        self.times_s, self.numbers = array("d"), array("q")
 
     def smooth(self, frames: Iterable[PredictedFrame]) -> Iterator[DepthFrame]:
         """The stages that need the frames in order; fast."""
@@ -190,25 +179,29 @@ class FrameFilter:
         self, frame: PredictedFrame, change: temporal.Change, correction: temporal.Correction | None
     ) -> DepthFrame:
         """A frame with smoothed depth and colour range, and its share of the report."""
-        report, now_s = self.report, frame.shown.time_s
-        interval_s = now_s - report.times_s[-1] if report.times_s else 0.0
-        report.times_s.append(now_s)
-        report.numbers.append(frame.shown.image.index)
+        shown, now_s = frame.shown, frame.shown.time_s
+        interval_s = now_s - self.times_s[-1] if self.times_s else 0.0
+        if not self.times_s:
+            first = restored(shown, self._settings).displayed()
+            pixels = np.zeros((1, 1), np.uint8)
+            self.first = replace(first, image=replace(first.image, pixels=pixels))
+            number = shown.image.index
+            self.warnings = tuple(about(f"frame {number}", text) for text in frame.warnings)
+        self.times_s.append(now_s)
+        self.numbers.append(shown.image.index)
         if frame.unfitted:
-            report.unfitted.append(frame.unfitted)
-        if report.first is None:
-            report.begin(restored(frame.shown, self._settings), frame.warnings)
-        report.scenes += change.is_cut
+            self.unfitted.append(frame.unfitted)
+        self.scenes += change.is_cut
         decay = temporal.ema_decay(interval_s, self._settings.lock_s)
-        spread = self._lock.step(*frame.shown.spread, decay, is_cut=change.is_cut)
-        report.raw.step(frame.sampled, change)
-        depth = frame.shown.depth
+        spread = self._lock.step(*shown.spread, decay, is_cut=change.is_cut)
+        self.raw.step(frame.sampled, change)
+        depth = shown.depth
         if correction is not None:
             decay = temporal.ema_decay(interval_s, self._settings.smooth_s)
             steps = self._smoother.step(depth.values, change, correction, decay)
-            report.smoothed.step(temporal.sample_cells(steps, frame.thumbnail.shape), change)
+            self.smoothed.step(temporal.sample_cells(steps, frame.thumbnail.shape), change)
             depth = replace(depth, values=steps)
-        return replace(frame.shown, depth=depth, spread=spread)
+        return replace(shown, depth=depth, spread=spread)
 
 
 def restored(frame: DepthFrame, settings: VideoSettings) -> DepthFrame:
@@ -236,34 +229,27 @@ def _in_windows(
     return depth, windows.only(windows.display, depth.values)
 
 
-def open_source(plan: VideoPlan) -> FrameSource:
-    """The frames of a video; InputError if it cannot be read."""
-    settings = plan.settings
-    return open_frames(
-        plan.source,
-        rate=settings.fps,
-        max_pixels=settings.max_pixels,
-        options=settings.reading,
-        stream=settings.stream,
-    )
-
-
 def write_video(
-    plan: VideoPlan,
-    source: FrameSource,
-    pipeline: Pipeline,
-    workers: int,
-    progress: Progress = NO_PROGRESS,
+    plan: VideoPlan, pipeline: Pipeline, workers: int, progress: Progress = NO_PROGRESS
 ) -> VideoResult:
-    """Do as :func:`depthcli.jobs.video.run.video`, of an open video and with a loaded model.
+    """Do as :func:`depthcli.jobs.video.run.video`, of a local video and with a loaded model.
 
     ``workers`` is the number of threads besides the one that decodes and writes.
     """
     start_s, settings = time.perf_counter(), plan.settings
-    known_depth = KnownDepthOfFrames(
-        settings.anchors, settings.anchors_fit, settings.anchors_within_s
-    )
     with ExitStack() as stack:
+        source = stack.enter_context(
+            open_frames(
+                plan.source,
+                rate=settings.fps,
+                max_pixels=settings.max_pixels,
+                options=settings.reading,
+                stream=settings.stream,
+            )
+        )
+        known_depth = KnownDepthOfFrames(
+            settings.anchors, settings.anchors_fit, settings.anchors_within_s
+        )
         journal = stack.enter_context(open_journal(plan, source, pipeline, known_depth))
         overwrite = plan.request.overwrite or journal.is_resumed
         guard = Guard.of([*source.paths, *known_depth.paths], overwrite=overwrite)
@@ -279,10 +265,10 @@ def write_video(
         scale, job = rounding_scale(plan, pipeline), ImageJob(pipeline)
         how = (settings, known_depth, journal, source, first.index, scale)
         predictor = FramePredictor(job, *how)
-        filter_ = FrameFilter(settings, predictor.kind)
-        report, frames = filter_.report, chain([first], frames)
+        report = FrameFilter(settings, predictor.kind)
         ahead = workers if isinstance(plan.source, LiveStream) else None
-        written = _process_frames(frames, predictor, filter_, outputs, workers, ahead)
+        frames = chain([first], frames)
+        written = _process_frames(frames, predictor, report, outputs, workers, ahead)
         # Closed before the outputs, so that no thread writes into a file that is being removed.
         with closing(written) as numbers:
             for count, number in enumerate(numbers):
@@ -338,7 +324,7 @@ def _process_frames(
         for index, part in enumerate(parts):
             for output, data in zip(outputs, part, strict=True):
                 output.append(data)
-            yield filter_.report.numbers[index]
+            yield filter_.numbers[index]
 
 
 def _outputs(plan: VideoPlan, source: FrameSource, guard: Guard) -> Iterator[VideoOutput]:
@@ -379,17 +365,19 @@ def _result(
     plan: VideoPlan,
     source: FrameSource,
     pipeline: Pipeline,
-    report: VideoReport,
+    report: FrameFilter,
     warnings: Sequence[str],
 ) -> VideoResult:
-    if report.first is None:
-        raise TypeError(report)
     settings = plan.settings
     smooths = settings.smooth_s > 0
     is_fitted = bool(settings.anchors) and not report.unfitted
     camera_warnings = () if is_fitted else focal_warnings(pipeline.card, settings.camera)
     of_input = (*source.warnings, *report.warnings, *pipeline.session.warnings, *camera_warnings)
-    of_input += _range_warnings(plan, settings.writing)
+    writing = settings.writing
+    is_ranged = writing.is_normalized and any(kind.facts.range_options for kind in plan.names)
+    if is_ranged and None in {writing.vmin, writing.vmax}:  # so that frames flicker
+        problem = "the range of each frame is its own, so that equal depth has other numbers in "
+        of_input += (Message(f"{problem}another", "give {vmin} and {vmax} for one range"),)
     if report.unfitted:
         problem = f"{len(report.unfitted)} of {len(report.numbers)} frames keep the model's depth"
         of_input += (about(problem, report.unfitted[0]),)
@@ -399,8 +387,8 @@ def _result(
         times_s=report.times_s,
         rate=settings.span.rate(source.rate),
         source_rate=source.rate,
-        first=report.first[0],
-        depth=report.first[1],
+        first=report.first.image,
+        depth=report.first.depth,
         flicker=(report.smoothed if smooths else report.raw).value,
         flicker_unsmoothed=report.raw.value if smooths else None,
         scenes=report.scenes,
@@ -410,16 +398,6 @@ def _result(
         problem=source.problem,
         live=getattr(source, "counts", None),
     )
-
-
-def _range_warnings(plan: VideoPlan, writing: WriterOptions) -> tuple[str, ...]:
-    """A warning if normalized frames have no range in common, so that they flicker."""
-    ranged = (format_.facts.range_options for format_ in plan.names)
-    are_normalized = writing.is_normalized and any(ranged)
-    if not are_normalized or None not in {writing.vmin, writing.vmax}:
-        return ()
-    problem = "the range of each frame is its own, so that equal depth has other numbers in another"
-    return (Message(problem, "give {vmin} and {vmax} for one range"),)
 
 
 def _no_frames(plan: VideoPlan, source: FrameSource) -> InputError:

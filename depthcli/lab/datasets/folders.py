@@ -19,14 +19,14 @@ from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import Frame
 from depthcli.errors import DatasetError, InputError, Message
+from depthcli.io.calibration import read_lenses
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.images import read
 from depthcli.io.images.pixels import turn_beside, upright
 from depthcli.io.images.png import SIGNATURE
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.stored.depth import AS_STATED, DepthReadOptions, StoredDepth
-from depthcli.io.stored.metadata import UINT16_MAX, positive_number, step_unit
-from depthcli.io.tables import read_lenses
+from depthcli.io.stored.metadata import LEAST, UINT16_MAX, number, step_unit
 from depthcli.lab.datasets import layouts
 from depthcli.lab.datasets.base import DepthDataset, Pair
 
@@ -147,7 +147,7 @@ class FolderDataset(DepthDataset):
             return self
         with as_dataset_error():
             metadata = [read_metadata(_file(pair.depth)) for pair in self.pairs]
-        focals_px = [positive_number(texts.get("focal_px")) for texts in metadata]
+        focals_px = [number(texts.get("focal_px"), LEAST) for texts in metadata]
         if 0 < focals_px.count(None) < len(focals_px):
             silent = self.pairs[focals_px.index(None)].depth
             message = f"{silent} states no focal length, but other depth images beside it do"

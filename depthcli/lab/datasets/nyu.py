@@ -20,9 +20,9 @@ import numpy as np
 from depthcli.core.arrays import AnyArray, Float32Array, UInt8Array
 from depthcli.core.options import MILLIMETRES, short_repr
 from depthcli.errors import DatasetError
+from depthcli.io.listing import CsvTable
 from depthcli.io.storage.paths import read_bytes
 from depthcli.io.stored.depth import AS_STATED, DepthReadOptions
-from depthcli.io.tables import CsvTable
 from depthcli.lab.datasets import folders
 from depthcli.lab.datasets.base import DepthDataset, Pair, is_label
 

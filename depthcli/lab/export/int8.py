@@ -19,7 +19,7 @@ from depthcli.errors import UsageError
 from depthcli.inference.session import ort
 from depthcli.inference.transforms import prepare
 from depthcli.io.images.read import read_image
-from depthcli.io.listing.folder import list_folder
+from depthcli.io.listing import list_folder
 from depthcli.io.media import is_video
 from depthcli.io.storage.temporary import temporary_folder
 from depthcli.lab.datasets.folders import sample_positions

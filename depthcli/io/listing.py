@@ -1,18 +1,31 @@
-"""The images and videos below a folder, and patterns for their names."""
+"""The images and videos below a folder, patterns for their names, and lists of inputs.
 
+A list has one path a line, as ``find`` and ``git ls-files`` print them, or is a table. Errors of
+tables name line and column.
+"""
+
+import csv
+import math
 import os
 import re
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache, partial
+from io import StringIO
+from itertools import chain, islice
 from pathlib import Path
-from typing import NamedTuple, Self, TypeAlias
+from typing import Any, NamedTuple, Self
 
+from depthcli.core.options import INSTALL_PYARROW, Rule, one_line, short_repr
 from depthcli.errors import InputError, UsageError, os_errors_as
 from depthcli.io.guard import is_own_output
-from depthcli.io.media import CAMERA_RAW, EXTRAS, is_media, lower_suffix
+from depthcli.io.media import CAMERA_RAW, EXTRAS, is_exr, is_media, lower_suffix
+from depthcli.io.storage import paths
+from depthcli.io.storage.atomic import FileIdentity, identity_of
 from depthcli.io.storage.objects import NO_PATH
-from depthcli.io.storage.paths import RemotePath, path_of
+from depthcli.io.storage.paths import RemotePath
 
 HIDDEN = "hidden"
 SYSTEM_FOLDERS = frozenset(
@@ -56,9 +69,6 @@ def conversion_hint(skipped: Sequence[Skipped]) -> str | None:
     )
 
 
-_Identity: TypeAlias = tuple[int, int] | None
-
-
 class InputFile(NamedTuple):
     """A file below a folder, or a folder that cannot be read."""
 
@@ -70,7 +80,7 @@ class InputFile(NamedTuple):
         """Its local or remote path."""
         if self.problem is not None:
             raise InputError(self.problem)
-        return path_of(self.path)
+        return paths.path_of(self.path)
 
 
 class Listing(NamedTuple):
@@ -118,17 +128,18 @@ def list_folder(
         skip: whether a folder of this name (from the root, with ``/``) is not entered.
         refusal: why a file of this path is no input; None if it is one.
     """
-    place = path_of(root)
+    place = paths.path_of(root)
     if isinstance(place, RemotePath):
-        return _list_objects(place, path_of(leave_out or ""), skip, refusal)
-    avoided = (leave_out and _identity(leave_out)) or ()
+        return _list_objects(place, paths.path_of(leave_out or ""), skip, refusal)
+    avoided = leave_out and identity_of(leave_out)
     listing = Listing([], [], [])
-    above: dict[str, tuple[_Identity, ...]] = {root: (_identity(root),)}  # of folders to enter
-    named = partial(_name_below, root)
+    above: dict[str, tuple[FileIdentity, ...]] = {root: (identity_of(root),)}  # of those to enter
+    named = partial(_relative_name, base=root)
 
     def not_listed(error: OSError) -> None:
         problem = f"{error.filename} cannot be listed: {error.strerror}"
-        listing.media.append(InputFile(named(error.filename) or ".", error.filename, problem))
+        name = "." if error.filename == root else named(error.filename)
+        listing.media.append(InputFile(name, error.filename, problem))
 
     for folder, folders, files in os.walk(root, onerror=not_listed, followlinks=True):
         inside, outer = partial(os.path.join, folder), above.pop(folder)
@@ -139,7 +150,7 @@ def list_folder(
             path = inside(child)
             if child.startswith(".") or skip(named(path)):
                 continue
-            identity = _identity(path)
+            identity = identity_of(path)
             if child in SYSTEM_FOLDERS:
                 listing.skipped.append(Skipped(named(path), child))
             elif identity in outer:
@@ -148,10 +159,6 @@ def list_folder(
                 folders.append(child)
                 above[path] = (*outer, identity)
     return listing
-
-
-def _name_below(root: str, path: str) -> str:
-    return path[len(root) :].lstrip(os.sep).replace(os.sep, "/")
 
 
 def _list_objects(
@@ -195,14 +202,6 @@ def _is_skipped(folder: str, skip: Callable[[str], bool]) -> bool:
         part.startswith(".") or part in SYSTEM_FOLDERS or skip("/".join(parts[: depth + 1]))
         for depth, part in enumerate(parts)
     )
-
-
-def _identity(path: str) -> _Identity:
-    try:
-        status = os.stat(path)  # noqa: PTH116 - names with any byte pass here
-    except OSError:
-        return None
-    return status.st_dev, status.st_ino
 
 
 class RealPaths:
@@ -276,3 +275,198 @@ def _expression(token: str) -> str:
         inner = token[1:-1].replace("\\", "\\\\").replace("[", "\\[")
         return f"[^{inner[1:]}/]" if inner.startswith("!") else f"[{inner}]"
     return re.escape(token)
+
+
+PATHS = "path"  #: column of a table with the paths, where there are several
+_MAX_PROBED = 1000
+_DELIMITERS = {".csv": ",", ".tsv": "\t"}
+
+
+def read_list(source: str, column: str | None = None) -> Iterator[str]:
+    """The paths of a text, or of a table: ``.parquet`` (a file, or a folder of them), CSV or TSV.
+
+    They are in the table's column, or in its only one, or in that called ``path``; Parquet is read
+    a part at a time. UsageError if they cannot be read.
+    """
+    where = paths.path_of(source)
+    suffix = where.suffix.lower()
+    try:
+        with (
+            os_errors_as(UsageError, f"cannot read the list {where}"),
+            paths.local_copy(where) as path,
+        ):
+            if suffix == ".parquet":
+                yield from column_texts(path, column)
+            elif suffix in _DELIMITERS:
+                yield from _csv_texts(path, column)
+            elif column is not None:
+                raise UsageError(f"{where} is no list in Parquet or CSV", "leave out {column}")
+            else:
+                yield from parse_list(path.read_bytes())
+    except InputError as error:  # of a copy, or of CSV
+        raise UsageError(f"the list {error}") from error
+
+
+def _csv_texts(path: Path, column: str | None) -> Iterator[str]:
+    table = CsvTable(path.read_bytes(), str(path), _DELIMITERS[path.suffix.lower()])
+    # Without a first line of names, a list of one column begins with an image.
+    first = table.columns[0] if len(table.columns) == 1 else ""
+    name = os.path.basename(first)  # noqa: PTH119 - names with any byte pass here
+    if is_list := column is None and (is_media(name) or is_exr(name)):
+        yield first
+    place = first if is_list else _select_column(table.columns, column, path)
+    yield from filter(None, (row.cells[place] for row in table))
+
+
+def parse_list(data: bytes) -> list[str]:
+    """Paths, one a line, or separated by NUL bytes (``find -print0``), in their order."""
+    if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):  # as Windows PowerShell 5.1 redirects
+        raise UsageError("the list is in UTF-16", "write it in UTF-8")
+    data = data.removeprefix(BOM_UTF8)
+    words = data.split(b"\0") if b"\0" in data else data.splitlines()
+    return [os.fsdecode(word) for word in words if word]
+
+
+def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]:
+    """Listed paths, with their names relative to ``root``; a name can come more than once.
+
+    They are absolute, or from ``root``; or from the working directory, as ``find root`` prints
+    them, if more of the first thousand exist there. One outside ``root``, or an absolute one
+    without it, is named by all its folders.
+    """
+    words = map(paths.without_file_scheme, words)
+    first = list(islice(words, _MAX_PROBED))
+    base = os.path.abspath(root or ".")  # noqa: PTH100 - links stay as named
+    starts = (root or "",) if paths.is_remote(root or "") else (root or "", "")
+    start = max(
+        starts,
+        key=lambda folder: sum(os.path.lexists(os.path.join(folder, word)) for word in first),  # noqa: PTH118
+    )
+    for word in chain(first, words):
+        path = paths.join(start, word)
+        is_whole = root is None and os.path.isabs(path)  # noqa: PTH117 - may be a URI
+        place = os.path.abspath(path)  # noqa: PTH100 - links stay as named
+        name = _whole_name(place) if is_whole else _relative_name(place, base)
+        yield _listed_uri(path, root or ".") or InputFile(name, path)
+
+
+def _listed_uri(uri: str, root: str) -> InputFile | None:
+    """A remote input; None if the path is local."""
+    if "://" not in uri:
+        return None
+    try:
+        path = paths.path_of(uri)
+        if not isinstance(path, RemotePath):
+            return None
+        folder = paths.path_of(root)
+        if isinstance(folder, RemotePath) and path.is_relative_to(folder):
+            return InputFile(path.relative_to(folder).as_posix(), uri)
+        return InputFile(str(path).partition("://")[2], uri)
+    except UsageError as error:
+        return InputFile(uri.replace("://", "/"), uri, str(error))
+
+
+def _relative_name(path: str, base: str) -> str:
+    inside = path.startswith(base.rstrip(os.sep) + os.sep)
+    tail = path[len(base.rstrip(os.sep)) :]
+    return tail.lstrip(os.sep).replace(os.sep, "/") if inside else _whole_name(path)
+
+
+def _whole_name(path: str) -> str:
+    return os.path.splitdrive(path)[1].lstrip(os.sep).replace(os.sep, "/")
+
+
+@contextmanager
+def open_parquet(path: Path) -> Iterator[Any]:
+    """An open file; what pyarrow raises for a damaged one becomes one kind of error."""
+    try:
+        import pyarrow as pa  # noqa: PLC0415 - an extra
+        import pyarrow.parquet as pq  # noqa: PLC0415
+    except ImportError:
+        raise UsageError(f"Parquet files need pyarrow; {INSTALL_PYARROW}") from None
+    path.open("rb").close()  # pyarrow's message about a missing file has several lines
+    try:
+        with pq.ParquetFile(path) as file:
+            yield file
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        if isinstance(error, OSError) and error.errno is not None:  # it is the disk
+            raise
+        reason = one_line(" ".join(str(error).split()))
+        raise UsageError(f"{path} is not a complete Parquet file: {reason}") from error
+
+
+def _select_column(columns: Sequence[str], column: str | None, path: Path) -> str:
+    """The name of the column to read: the given one, the only one, or ``path``."""
+    name = column or (columns[0] if len(columns) == 1 else PATHS)
+    if name not in columns:
+        there = f"its columns are {', '.join(columns)}" if columns else "it has no columns"
+        raise UsageError(f"{path} has no column {name!r}; {there}", "name one with {column}")
+    return name
+
+
+def column_texts(path: Path, column: str | None) -> Iterator[str]:
+    """The texts of a column of a file or of a folder of files, a row group at a time."""
+    parts = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
+    if not parts:
+        raise UsageError(f"no .parquet file in {path}")
+    for part in parts:
+        with open_parquet(part) as file:
+            name = _select_column(file.schema_arrow.names, column, part)
+            for batch in file.iter_batches(columns=[name]):
+                yield from filter(None, batch.column(0).cast("string").to_pylist())
+
+
+class CsvRow(NamedTuple):
+    """A row of a table."""
+
+    name: str  #: the table, for messages
+    line: int  #: its last line, from 1
+    cells: Mapping[str, str]  #: by column; "" where the row is too short
+
+    def number(self, column: str, rule: Rule) -> float:
+        """The number in a cell; NaN if it is empty."""
+        word = self.cells[column]
+        try:
+            number = float(word or math.nan)
+        except ValueError:
+            number = None
+        if number is None or not rule.holds(number):
+            raise self.error(f"{column} is {rule.what}, not {short_repr(word)}")
+        return number
+
+    def error(self, problem: str) -> InputError:
+        """The error to raise for a problem of this row."""
+        return InputError(f"{self.name}, line {self.line}: {problem}")
+
+
+class CsvTable:
+    """A table in UTF-8; other bytes become surrogates, as in the names of files.
+
+    Attributes:
+        name: its own, for messages.
+        columns: names of its columns, without spaces around them; none if it is empty.
+    """
+
+    def __init__(self, data: bytes, name: str, delimiter: str = ",") -> None:
+        text = StringIO(data.decode("utf-8-sig", "surrogateescape"), newline="")
+        self._lines = csv.reader(text, delimiter=delimiter, strict=True, skipinitialspace=True)
+        self.name = name
+        self.columns = [word.strip() for word in next(self._cells(), [])]
+
+    def __iter__(self) -> Iterator[CsvRow]:
+        """The rows after the first line that are not empty, once."""
+        empty = dict.fromkeys(self.columns, "")
+        for cells in filter(None, self._cells()):
+            if len(cells) > len(self.columns):
+                raise self._error(f"{len(cells)} values for {len(self.columns)} columns")
+            named = dict(zip(self.columns, map(str.strip, cells), strict=False))
+            yield CsvRow(self.name, self._lines.line_num, empty | named)
+
+    def _cells(self) -> Iterator[list[str]]:
+        try:
+            yield from self._lines
+        except csv.Error as error:
+            raise self._error(str(error)) from error
+
+    def _error(self, problem: str) -> InputError:
+        return InputError(f"{self.name}, line {self._lines.line_num}: {problem}")
