@@ -36,7 +36,7 @@ def model(folder: Path, **changes: object) -> Pipeline:
 
 
 def test_metres_follow_the_focal_length_as_far_as_the_network_does(tmp_path: Path) -> None:
-    """Issue 56: the whole ratio put images through twice the focal length 17 % too far."""
+    """The whole ratio put images through twice the focal length 17 % too far."""
     pipeline = model(tmp_path, camera={"hfov_deg": 60.0, "exponent": 0.75})
     near, far = (
         pipeline.predict(black(40, 30), Intrinsics(focal_px=focal_px)).depth.values

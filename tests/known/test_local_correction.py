@@ -50,7 +50,7 @@ def test_correction_is_that_of_the_constants_that_were_measured() -> None:
 
 @pytest.mark.parametrize("wrong", [3, 10])
 def test_few_wrong_points_are_left_out(wrong: int) -> None:
-    """Issue 56: below 4 % of wrong points none was left out, so 2 % were worse than 25 %."""
+    """Below 4 % of wrong points none was left out, so 2 % were worse than 25 %."""
     random = np.random.default_rng(wrong)
     log_m = np.log(np.tile(np.linspace(2, 5, 160, dtype=np.float32), (120, 1)))
     log_m[30:60, 50:90] = 0  # a box 1 m away

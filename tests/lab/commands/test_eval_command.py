@@ -106,7 +106,7 @@ def test_models_are_compared_with_known_depth(
 def test_edges_are_those_of_predict_and_metrics_of_depth_completion_are_columns(
     data: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Issue 56: bilinear upsampling, the default without edges, leaves none."""
+    """Bilinear upsampling, the default without edges, leaves none."""
     monkeypatch.setattr("depthcli.lab.metrics.depth.METRICS", dict(METRICS))
     arguments = ["--split", "val", "--no-trivial", "--json"]
     for extra, upsampling in (

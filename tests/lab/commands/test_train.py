@@ -183,7 +183,7 @@ def test_the_line_of_an_epoch_has_rate_and_time_to_go(
 def test_a_run_of_months_is_a_warning_that_names_a_shorter_one(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Issue 55: the paper's size on a CPU, 59 s a step, began without a word."""
+    """The paper's size on a CPU, 59 s a step, began without a word."""
     clock_s = [0.0]
     monkeypatch.setattr("time.monotonic", lambda: clock_s[0])
     with ExitStack() as stack:

@@ -159,7 +159,7 @@ def test_mat_without_a_part(name: str, nyu_mat: Any) -> None:
     ],
 )
 def test_mat_of_other_values_is_refused(name: str, change: Any, nyu_mat: Any) -> None:
-    """Issue 55: millimetres, complex numbers, and arrays of other sizes were read."""
+    """Millimetres, complex numbers, and arrays of other sizes were read."""
     with h5py.File(nyu_mat.path, "r+") as file:
         values = change(file[name][()])
         del file[name]

@@ -126,7 +126,7 @@ def test_rows_are_of_the_images_that_both_have(tmp_path: Path) -> None:
 def test_a_report_is_consistent_with_a_reference_or_differs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Issue 56: a reader checks a figure of README on some of its images."""
+    """A reader checks a figure of README on some of its images."""
     reference = _kept(tmp_path, A)
     (tmp_path / "new").mkdir()
     same, other = _kept(tmp_path / "new", A, 5), _kept(tmp_path, B)

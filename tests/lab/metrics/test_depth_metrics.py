@@ -55,7 +55,7 @@ def test_metrics_equal_the_plain_loop(
 def test_metrics_of_depth_completion_equal_the_plain_loop_beside_one_s_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Issue 56: in any order with a metric of whole images."""
+    """In any order with a metric of whole images."""
     pixels = DepthPixels.of(*np.random.default_rng(4).uniform(0.5, 9.5, (2, 2000)))
     pairs = pixels.truth_m, pixels.predicted_m
     monkeypatch.setattr("depthcli.lab.metrics.depth.METRICS", {})
