@@ -311,19 +311,14 @@ def _start(
         source = str(model.path) if model.data is None else model.data
         return ort.InferenceSession(source, options, configured, enable_fallback=0)
     except Exception as error:
-        reason = _load_error(model, names, error)
-        if isinstance(reason, ProviderError) and len(names) > 1:
-            return _start(model, names[1:], threads, provider_options)  # the caller warns of it
-        raise reason from error
-
-
-def _load_error(model: Model, names: tuple[str, ...], error: Exception) -> ModelError:
-    if names[0] != CPU and "CPUExecutionProvider" not in str(error):
-        return ProviderError(f"provider {names[0]!r} does not start: {_first_line(error)}")
-    return ModelError(
-        f"onnxruntime {ort.__version__} cannot load {model.path} "
-        f"(opset {model.card.onnx.opset}, IR {model.card.onnx.ir}): {_first_line(error)}"
-    )
+        reason = _first_line(error)
+        if names[0] == CPU or "CPUExecutionProvider" in str(error):
+            versions = f"opset {model.card.onnx.opset}, IR {model.card.onnx.ir}"
+            problem = f"onnxruntime {ort.__version__} cannot load {model.path} ({versions})"
+            raise ModelError(f"{problem}: {reason}") from error
+        if len(names) == 1:
+            raise ProviderError(f"provider {names[0]!r} does not start: {reason}") from error
+        return _start(model, names[1:], threads, provider_options)  # the caller warns of it
 
 
 def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tuple[int | None, ...]]:
