@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 import typing
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import MISSING, asdict, fields, is_dataclass
 from enum import Enum
@@ -30,9 +30,7 @@ _TYPE_NAMES = {bool: "true or false", int: "a whole number", float: "a number", 
 class FieldError(ValueError):
     """A problem of the field at a path such as ``input.width``, and errors of other fields."""
 
-    def __init__(
-        self, problem: str, path: str = "", others: Iterable[tuple[str, str]] = ()
-    ) -> None:
+    def __init__(self, problem: str, path: str = "", *others: tuple[str, str]) -> None:
         self.faults = ((path, problem), *others)
         super().__init__("; ".join(f"{path} {problem}".lstrip() for path, problem in self.faults))
 
@@ -45,7 +43,7 @@ class FieldError(ValueError):
         """Name the field of the error; the name may be untrusted."""
         word = name if isinstance(name, str) and name.isidentifier() else short_repr(name)
         faults = [(f"{word[:_MAX_CHARS]}.{path}".rstrip("."), what) for path, what in self.faults]
-        return FieldError(faults[0][1], faults[0][0], faults[1:])
+        return FieldError(faults[0][1], faults[0][0], *faults[1:])
 
 
 def parsed_json(text: str | bytes) -> object:
@@ -135,7 +133,7 @@ def _read_fields(
         faults += [(name, "is missing") for name in missing]
     if faults:
         (path, problem), *others = faults
-        raise FieldError(problem, path, others)
+        raise FieldError(problem, path, *others)
     return parsed
 
 
