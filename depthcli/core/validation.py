@@ -111,7 +111,7 @@ def _read_fields(
     """Values by name, each as its annotation demands; of a list, the first fault is enough."""
     if not isinstance(values, dict):
         raise FieldError.expected(f"a group of {', '.join(hints)}", values)
-    faults, parsed, unknown = [], {}, []
+    faults, parsed, unknown = list[tuple[str, str]](), {}, []
     for name, value in values.items():
         if name not in hints:
             unknown.append(name)
