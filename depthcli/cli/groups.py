@@ -10,6 +10,7 @@ import inspect
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import partial, wraps
+from itertools import chain
 from typing import Annotated, Any, TypeVar, dataclass_transform, get_type_hints
 
 import typer
@@ -131,7 +132,10 @@ def grouped(command: Callable[..., int]) -> Callable[..., int]:
 
 
 def _flattened(group: Any) -> Iterator[inspect.Parameter]:  # noqa: ANN401 - a dataclass
-    """A group's fields, and those of the groups within it, as parameters."""
+    """A group's fields, and those of the groups within it or joined in it, as parameters."""
+    if len(group.__bases__) > 1:
+        yield from chain.from_iterable(map(_flattened, group.__bases__))
+        return
     heading = str(group.__doc__).partition("\n")[0].rstrip(".")
     hints = get_type_hints(group, include_extras=True)
     for field in fields(group):

@@ -17,12 +17,7 @@ from depthcli.io.formats import table as formats
 MAX_THREADS = 1024
 # Importing onnxruntime is slow; a test compares these names with it.
 _ACCELERATED = ("cuda", "tensorrt", "rocm", "migraphx", "directml", "coreml", "openvino")
-PROVIDERS = ("auto", "cpu", *_ACCELERATED)
-
-
-def providers() -> list[str]:
-    """Words that complete ``--provider``, of which typer takes those that begin as typed."""
-    return [*PROVIDERS]
+PROVIDERS = ["auto", "cpu", *_ACCELERATED]
 
 
 def cards() -> list[str]:
@@ -73,7 +68,7 @@ class RuntimeOptions:
         "or openvino. One that is requested by name must be available.",
         default="auto",
         metavar="NAME",
-        autocompletion=providers,
+        autocompletion=lambda: PROVIDERS,
     )
     provider_option: list[str] | None = option(
         "Option of the provider given with --provider, such as device_id=1; repeatable.",
@@ -316,19 +311,6 @@ class MapOptions(DetailOptions):
         "and --json. Outputs that need it imply it.",
         default=False,
     )
-
-
-@group
-class WritingOptions:
-    """Options of the output formats."""
-
-    png: formats.PngOptions
-    exr: formats.ExrOptions
-    preview: formats.PreviewOptions
-    range: formats.RangeOptions
-    surface: formats.SurfaceOptions
-    ply: formats.PlyOptions
-    stereo: formats.StereoOptions
 
 
 QuietOption = Annotated[

@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 import typing
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import MISSING, asdict, fields, is_dataclass
 from enum import Enum
@@ -30,9 +30,9 @@ _TYPE_NAMES = {bool: "true or false", int: "a whole number", float: "a number", 
 class FieldError(ValueError):
     """A problem of the field at a path such as ``input.width``, and errors of other fields."""
 
-    def __init__(self, problem: str, path: str = "", others: Sequence["FieldError"] = ()) -> None:
-        super().__init__("; ".join((f"{path} {problem}".lstrip(), *map(str, others))))
-        self.path, self.problem, self.others = path, problem, others
+    def __init__(self, problem: str, path: str = "", *others: tuple[str, str]) -> None:
+        self.faults = ((path, problem), *others)
+        super().__init__("; ".join(f"{path} {problem}".lstrip() for path, problem in self.faults))
 
     @classmethod
     def expected(cls, what: str, value: object) -> "FieldError":
@@ -42,8 +42,8 @@ class FieldError(ValueError):
     def within(self, name: object) -> "FieldError":
         """Name the field of the error; the name may be untrusted."""
         word = name if isinstance(name, str) and name.isidentifier() else short_repr(name)
-        path = f"{word[:_MAX_CHARS]}.{self.path}".rstrip(".")
-        return FieldError(self.problem, path, [other.within(name) for other in self.others])
+        faults = [(f"{word[:_MAX_CHARS]}.{path}".rstrip("."), what) for path, what in self.faults]
+        return FieldError(faults[0][1], faults[0][0], *faults[1:])
 
 
 def parsed_json(text: str | bytes) -> object:
@@ -111,7 +111,7 @@ def _read_fields(
     """Values by name, each as its annotation demands; of a list, the first fault is enough."""
     if not isinstance(values, dict):
         raise FieldError.expected(f"a group of {', '.join(hints)}", values)
-    errors, parsed, unknown = [], {}, []
+    faults, parsed, unknown = list[tuple[str, str]](), {}, []
     for name, value in values.items():
         if name not in hints:
             unknown.append(name)
@@ -122,18 +122,18 @@ def _read_fields(
             is_text = hint is str and type(value) is str
             parsed[name] = value if is_text else _converted(hint, value)
         except FieldError as error:
-            errors.append(error.within(name))
+            faults += error.within(name).faults
             if is_list:
                 break
     if unknown:
         problem = f"is unknown; choose from {', '.join(hints)}"
-        errors.insert(0, FieldError(problem).within(unknown[0]))
+        faults[:0] = FieldError(problem).within(unknown[0]).faults
     if len(parsed) < len(hints):
         missing = [name for name in hints if name in required and name not in values]
-        errors += [FieldError("is missing", name) for name in missing]
-    if errors:
-        first, *others = errors
-        raise FieldError(first.problem, first.path, [*first.others, *others])
+        faults += [(name, "is missing") for name in missing]
+    if faults:
+        (path, problem), *others = faults
+        raise FieldError(problem, path, *others)
     return parsed
 
 
@@ -224,12 +224,8 @@ def fingerprint(*values: object) -> str:
 
 def _json_value(value: object) -> object:
     """A value of a type that JSON does not have, as one that it has."""
-    if isinstance(value, Enum):
-        return value.value
     if isinstance(value, Fraction | PurePath):
         return str(value)
     if is_dataclass(value):
         return {field.name: getattr(value, field.name) for field in fields(value)}
-    if isinstance(value, Mapping):
-        return dict(value)
     raise TypeError(f"{type(value).__name__} has no fingerprint")

@@ -80,7 +80,6 @@ def wanted_providers(provider: str) -> tuple[str, ...]:
     return (provider,)
 
 
-_NUMBERS = re.compile(r"tensor\((double|u?int\d+|float\d*)\)")
 _NAMES = frozenset({"depth", "disparity", "predicted_depth", "metric_depth"})
 _INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 _IMAGE_RANK, _MATRIX_RANK = 4, 3
@@ -105,8 +104,6 @@ def _output_names(session: ort.InferenceSession, model: Model) -> dict[str, str]
         raise ModelError(
             f"{model.path} has the outputs {listed}; state {choice} in the card, as onnx.output"
         )
-    if not _NUMBERS.fullmatch(present[0].type):
-        raise ModelError(f"{model.path} gives {present[0].type}, not numbers; use a depth model")
     others = {
         "mask": card.output.mask and card.output.mask.output,
         "hfov_deg": card.camera and card.camera.hfov_output,
@@ -311,19 +308,14 @@ def _start(
         source = str(model.path) if model.data is None else model.data
         return ort.InferenceSession(source, options, configured, enable_fallback=0)
     except Exception as error:
-        reason = _load_error(model, names, error)
-        if isinstance(reason, ProviderError) and len(names) > 1:
-            return _start(model, names[1:], threads, provider_options)  # the caller warns of it
-        raise reason from error
-
-
-def _load_error(model: Model, names: tuple[str, ...], error: Exception) -> ModelError:
-    if names[0] != CPU and "CPUExecutionProvider" not in str(error):
-        return ProviderError(f"provider {names[0]!r} does not start: {_first_line(error)}")
-    return ModelError(
-        f"onnxruntime {ort.__version__} cannot load {model.path} "
-        f"(opset {model.card.onnx.opset}, IR {model.card.onnx.ir}): {_first_line(error)}"
-    )
+        reason = _first_line(error)
+        if names[0] == CPU or "CPUExecutionProvider" in str(error):
+            versions = f"opset {model.card.onnx.opset}, IR {model.card.onnx.ir}"
+            problem = f"onnxruntime {ort.__version__} cannot load {model.path} ({versions})"
+            raise ModelError(f"{problem}: {reason}") from error
+        if len(names) == 1:
+            raise ProviderError(f"provider {names[0]!r} does not start: {reason}") from error
+        return _start(model, names[1:], threads, provider_options)  # the caller warns of it
 
 
 def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tuple[int | None, ...]]:
@@ -349,9 +341,6 @@ def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tupl
             f"{model.path} takes {first.shape}, but its card says {spec.colour.channels} channels, "
             f"{spec.layout}; correct input.colour or input.layout in the card"
         )
-    if lengths[0] not in {None, 1}:
-        problem = f"{model.path} takes {lengths[0]} images at once"
-        raise ModelError(problem, "export it with a batch of one, or a dynamic one")
     return str(first.name), (lengths[0], channels, *lengths[1:])
 
 

@@ -76,7 +76,7 @@ def remove_model(name: str) -> Path:
     """Delete a model that was added, and return its path; raises as :func:`added_model`."""
     folder, location = added_model(name)
     if location.onnx is not None:  # a file, beside which a folder may have the same name
-        for file in filter(None, location):
+        for file in {location.onnx, location.path}:
             file.unlink()
     elif folder.is_symlink():
         folder.unlink()

@@ -199,16 +199,9 @@ _CHECKPOINTS = (".ckpt", ".pt", ".pth")
 class ModelLocation(NamedTuple):
     """The files of a model, which have not been read yet."""
 
+    path: Path  #: the file that messages name: the card's, else the ONNX file
     onnx: Path | None  #: the ONNX file; None where only its card names it
     card: Path | None  #: the card's file; None if the card is inside the ONNX file
-
-    @property
-    def path(self) -> Path:
-        """The file that messages name."""
-        path = self.card or self.onnx
-        if path is None:
-            raise ValueError("a location has a model or a card")
-        return path
 
 
 def roots() -> tuple[Path, ...]:
@@ -242,15 +235,16 @@ def location_at(path: Path) -> ModelLocation | None:
 
     A ``card.json`` beside an ONNX file is its card if it names the file.
     """
-    if (path / CARD_NAME).is_file():
-        return ModelLocation(onnx=None, card=path / CARD_NAME)
+    if (card := path / CARD_NAME).is_file():
+        return ModelLocation(card, onnx=None, card=card)
     if path.suffix == _ONNX_SUFFIX and path.is_file():
         beside = path.with_name(path.stem + CARD_SUFFIX)
         if beside.is_file():
-            return ModelLocation(onnx=path, card=beside)
+            return ModelLocation(beside, onnx=path, card=beside)
         shared = path.with_name(CARD_NAME)
-        is_own = shared.is_file() and files_of_card(shared)[:1] == [path.name]
-        return ModelLocation(onnx=path, card=shared if is_own else None)
+        if shared.is_file() and files_of_card(shared)[:1] == [path.name]:
+            return ModelLocation(shared, onnx=path, card=shared)
+        return ModelLocation(path, onnx=path, card=None)
     return None
 
 

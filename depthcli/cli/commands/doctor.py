@@ -4,7 +4,7 @@ import dataclasses
 
 import typer
 
-from depthcli.cli.options import JsonOption, models, providers
+from depthcli.cli.options import PROVIDERS, JsonOption, models
 from depthcli.cli.screen import console
 from depthcli.errors import ExitCode
 
@@ -20,7 +20,7 @@ def doctor(
     provider: str = typer.Option(
         "auto",
         metavar="NAME",
-        autocompletion=providers,
+        autocompletion=lambda: PROVIDERS,
         help="Execution provider to check.",
     ),
     as_json: JsonOption = False,

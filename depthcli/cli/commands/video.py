@@ -12,6 +12,7 @@ from depthcli.cli import options as groups
 from depthcli.cli.groups import Given, group
 from depthcli.core.options import Eye, short_repr
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
+from depthcli.io.formats.options import WriterOptions
 from depthcli.video.formats import PreviewCodec, VideoFormat
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 _MINUTE = 60
 _GRACE_PERIOD_S = 600.0  # in which a long recording is completed
-_POINT = re.compile(r"(?a)(?:(\d+):)?(?:(\d+):)?(\d+(?:\.\d*)?|\.\d+)([sf]?)")
+_POINT = re.compile(r"(?a)((?:\d+:){0,2})(\d+(?:\.\d*)?|\.\d+)([sf]?)")
 
 FORMAT_OPTIONS = {str(which): which.facts.options for which in VideoFormat}
 """The options that each format uses, by parameter name."""
@@ -162,7 +163,7 @@ def video(
     anchors: FrameFitOptions,
     read: groups.ImageOptions,
     detail: SmoothOptions,
-    writing: groups.WritingOptions,
+    writing: WriterOptions,
     preview: PreviewVideoOptions,
     screen: groups.ScreenOptions,
     explicit: Given,
@@ -293,14 +294,13 @@ def _point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
     from depthcli.video.frames import Point
 
     match = _POINT.fullmatch(word.strip())
-    outer, inner, number, letter = match.groups() if match else (None, None, "nan", "")
-    parts = [int(part) for part in (outer, inner) if part is not None]
-    in_frames = letter == "f" or (not letter and not parts and bare_is_frames)
-    if match is None or (in_frames and (parts or not number.isdecimal())):
+    outer, number, letter = match.groups() if match else ("", "nan", "")
+    in_frames = letter == "f" or (not letter and not outer and bare_is_frames)
+    if match is None or (in_frames and (outer or not number.isdecimal())):
         advice = "give seconds (12.5s), minutes (1:02.5) or a frame number (300f)"
         problem = f"{short_repr(word)} is not a time or frame number"
         raise UsageError(problem, advice, option=option)
-    value = Fraction(number.removesuffix("."))
-    for power, part in enumerate(reversed(parts), start=1):
-        value += part * _MINUTE**power
+    value = Fraction(0)
+    for part in (outer + number.removesuffix(".")).split(":"):
+        value = value * _MINUTE + Fraction(part)
     return Point(value, in_frames)
