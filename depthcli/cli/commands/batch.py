@@ -17,8 +17,7 @@ from depthcli.cli.screen import console
 from depthcli.core.options import GPU_BATCH, SceneLayout, one_line
 from depthcli.core.parallel import share_cores
 from depthcli.errors import ExitCode, UsageError, os_errors_as
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing import NameFilter
 from depthcli.io.storage.paths import RemotePath, path_of
 

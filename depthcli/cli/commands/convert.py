@@ -10,8 +10,7 @@ from depthcli.cli import options as groups
 from depthcli.cli.groups import Given, group
 from depthcli.core.options import DepthEncoding
 from depthcli.errors import ExitCode, UsageError
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import FORMATS, Format
+from depthcli.io.formats.table import FORMATS, Format, WriterOptions
 from depthcli.video.formats import VIDEOS, VideoFormat, video_format_of
 
 

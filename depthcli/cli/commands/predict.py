@@ -9,8 +9,7 @@ from depthcli.cli.groups import Given, group
 from depthcli.cli.screen import console
 from depthcli.core.options import Eye, one_line
 from depthcli.errors import ExitCode, UsageError
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 
 
 @group

@@ -15,8 +15,7 @@ from depthcli.cli.groups import command_of, group
 from depthcli.cli.screen import console
 from depthcli.core.options import MAX_PIXELS, Eye
 from depthcli.errors import ExitCode, UsageError
-from depthcli.io.formats.options import WriterOptions
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

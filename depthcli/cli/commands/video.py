@@ -12,7 +12,7 @@ from depthcli.cli import options as groups
 from depthcli.cli.groups import Given, group
 from depthcli.core.options import Eye, short_repr
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
-from depthcli.io.formats.options import WriterOptions
+from depthcli.io.formats.table import WriterOptions
 from depthcli.video.formats import PreviewCodec, VideoFormat
 
 if TYPE_CHECKING:
