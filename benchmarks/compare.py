@@ -1,9 +1,9 @@
 """What another version of depthcli costs beside this one: CPU time and memory of whole processes.
 
-Each command runs in turns with the two source trees and one model, so that a drifting machine
-drifts for both; the ratios are those of runs beside each other, the other tree's over this one's.
-CPU time is user and system together, of all threads. Modules come from bytecode, as where
-depthcli is installed: without it each start would compile the source anew.
+Each command runs in turns with the two source trees, so that a drifting machine drifts for both,
+and with the other's model; the ratios are those of runs beside each other, the other tree's over
+this one's. CPU time is user and system together, of all threads. Modules come from bytecode, as
+where depthcli is installed: without it each start would compile the source anew.
 Run: ``python benchmarks/compare.py OTHER_TREE [--rounds 7]``
 """
 
@@ -44,7 +44,8 @@ def main() -> None:
         image = write_images(folder / "in", FRAMES)[0]
         video = write_video(folder / "room.avi", FRAMES)
         out = folder / "out"
-        common = ["--out", f"{out}/", "--quiet", "--model", str(HERE / "models" / "default")]
+        model = str(options.other.resolve() / "models" / "default")
+        common = ["--out", f"{out}/", "--quiet", "--model", model]
         commands = {
             "--help": ["--help"],
             "predict": ["predict", str(image), "-o", *common[1:]],
