@@ -22,16 +22,14 @@ from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format
 from depthcli.io.listing import read_list
-from depthcli.io.manifest import WHOLE, Shard
+from depthcli.io.manifest import WHOLE, Shard, merge_manifests, read_rows, summarize
 from depthcli.io.storage.paths import path_of
-from depthcli.jobs.batch.manifests import merge_manifests, read_rows, summarize
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.models import add_model
 from depthcli.jobs.predict import PredictRequest, PredictResult, predict
-from depthcli.jobs.video.plan import video_destination
-from depthcli.jobs.video.run import video
+from depthcli.jobs.video.plan import video, video_destination
 from depthcli.models.catalog import find_model
 from depthcli.video.formats import VideoFormat
 
