@@ -19,15 +19,14 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.raster import Png16Writer
 from depthcli.io.formats.table import Format
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.predict import predict
 from depthcli.jobs.serve import Asked, DepthServer, Limits
-from depthcli.jobs.video.plan import VideoSettings
-from depthcli.jobs.video.run import video
+from depthcli.jobs.video.plan import VideoSettings, video
 from depthcli.video.formats import VideoFormat
 
 CAMERA = Intrinsics(40.0)

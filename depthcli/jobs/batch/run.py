@@ -24,7 +24,7 @@ from depthcli.errors import InputError, OutputError, UsageError, os_errors_as
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.session import CPU, Session
 from depthcli.inference.transforms import focal_warnings
-from depthcli.io.formats.png16 import read_metadata
+from depthcli.io.formats.raster import read_metadata
 from depthcli.io.guard import Guard
 from depthcli.io.images.read import check
 from depthcli.io.manifest import WHOLE, Journal, ManifestRow, known_rows
