@@ -311,8 +311,8 @@ class DepthMap(types.DepthMap):
         else:
             depth, writer = self._writer(name, options)
             inputs = () if self.frame is None or self.frame.path is None else (self.frame.path,)
-            guard = Guard.of(inputs, overwrite=overwrite)
-            with atomic_path(file, guard=guard) as temporary:
+            Guard.of(inputs, overwrite=overwrite).check(file)
+            with atomic_path(file) as temporary:
                 messages = writer.write(depth, temporary, self.frame)
         warn_all(messages, file)
 

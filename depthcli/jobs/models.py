@@ -406,7 +406,8 @@ def new_card(
     }
     text = ModelCard.from_json(json.dumps(fields), where="the new card").to_json()
     path = out or model.with_name(model.stem + catalog.CARD_SUFFIX)
-    with atomic.atomic_path(path, guard=Guard.of([model], overwrite=overwrite)) as temporary:
+    Guard.of([model], overwrite=overwrite).check(path)
+    with atomic.atomic_path(path) as temporary:
         temporary.write_text(text, "utf-8")
     return path, guesses
 

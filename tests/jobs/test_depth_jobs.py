@@ -184,7 +184,7 @@ def write_frames(
     noise = np.random.default_rng(0)
     places = list(places)
     timing = Timing(rate, Fraction(1, 30_000), rate, step)
-    with DepthVideoOutput(path, timing, WriterOptions(), None) as output:
+    with DepthVideoOutput(path, timing, WriterOptions()) as output:
         for count, place in enumerate(places):
             pixels = np.zeros(SIZE, np.uint8)
             time_s = float(place / rate)

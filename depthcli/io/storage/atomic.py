@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 from depthcli.errors import OutputError, UsageError, os_errors_as
 from depthcli.io.storage.paths import RemotePath, uploaded
@@ -16,13 +16,6 @@ from depthcli.io.storage.temporary import folder_lock, temporary_beside
 
 FileIdentity: TypeAlias = tuple[int, int] | str
 OUT_ADVICE = "choose another {out}"
-
-
-class OutputRule(Protocol):
-    """A rule about which files may be replaced, such as :class:`depthcli.io.guard.Guard`."""
-
-    def check(self, *paths: Path) -> None:
-        """Check that outputs may be written to paths; OutputError if not."""
 
 
 def identity_of(path: str | Path) -> FileIdentity:
@@ -38,17 +31,15 @@ def identity_of(path: str | Path) -> FileIdentity:
 
 
 @contextmanager
-def atomic_path(path: Path, *, guard: OutputRule | None = None) -> Iterator[Path]:
+def atomic_path(path: Path) -> Iterator[Path]:
     """A path of the same suffix in the same folder that takes ``path``'s place after the block.
 
-    Missing folders are created; without a guard, any file is replaced.
+    Missing folders are created, and any file is replaced; a guard may check the path before.
 
     Raises:
-        OutputError: the folder cannot be created, the file cannot be written, or the path is an
-            input, a file that the guard protects, or no file. Nothing is left behind.
+        OutputError: the folder cannot be created, the file cannot be written, or the path is no
+            file. Nothing is left behind.
     """
-    if guard is not None:
-        guard.check(path)
     if is_special(path):
         raise OutputError(f"{path} is no file and is not replaced", OUT_ADVICE)
     with os_errors_as(OutputError, f"cannot write {path}", OUT_ADVICE):
