@@ -41,7 +41,8 @@ from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.image import FailedInput
 from depthcli.jobs.predict import PredictResult, predict
-from depthcli.jobs.video.plan import VideoResult, VideoSettings, video, video_destination
+from depthcli.jobs.video.plan import VideoResult, VideoSettings, video_destination
+from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
 from depthcli.video.source import VideoSource, open_frames

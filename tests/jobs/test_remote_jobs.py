@@ -29,7 +29,8 @@ from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.models import add_model
 from depthcli.jobs.predict import PredictRequest, PredictResult, predict
-from depthcli.jobs.video.plan import video, video_destination
+from depthcli.jobs.video.plan import video_destination
+from depthcli.jobs.video.run import video
 from depthcli.models.catalog import find_model
 from depthcli.video.formats import VideoFormat
 

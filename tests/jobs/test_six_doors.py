@@ -26,7 +26,8 @@ from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.predict import predict
 from depthcli.jobs.serve import Asked, DepthServer, Limits
-from depthcli.jobs.video.plan import VideoSettings, video
+from depthcli.jobs.video.plan import VideoSettings
+from depthcli.jobs.video.run import video
 from depthcli.video.formats import VideoFormat
 
 CAMERA = Intrinsics(40.0)

@@ -25,7 +25,8 @@ from depthcli.jobs.batch.run import Batch, BatchRequest
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.predict import predict
-from depthcli.jobs.video.plan import VideoSettings, video
+from depthcli.jobs.video.plan import VideoSettings
+from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span, time_code_after, time_code_text

@@ -16,13 +16,8 @@ from depthcli.errors import OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import WriterOptions
 from depthcli.jobs.batch.run import Batch, dry_run
-from depthcli.jobs.video.plan import (
-    VideoRequest,
-    VideoSettings,
-    video,
-    video_base,
-    video_destination,
-)
+from depthcli.jobs.video.plan import VideoRequest, VideoSettings, video_base, video_destination
+from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
 

@@ -33,9 +33,9 @@ from depthcli.jobs.video.plan import (
     VideoResult,
     VideoSettings,
     plan_video,
-    video,
     video_destination,
 )
+from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import SEQUENCES, VIDEOS, PreviewCodec, VideoFormat
 from depthcli.video.frames import Point, Span

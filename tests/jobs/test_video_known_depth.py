@@ -14,7 +14,8 @@ from depthcli.core.camera import Anchor, Intrinsics
 from depthcli.core.types import DepthKind
 from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.video.plan import VideoResult, VideoSettings, video
+from depthcli.jobs.video.plan import VideoResult, VideoSettings
+from depthcli.jobs.video.run import video
 from depthcli.known import frames as known_depth
 from depthcli.known.files import KnownDepthFiles
 from depthcli.video.formats import VideoFormat

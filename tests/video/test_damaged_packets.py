@@ -14,7 +14,8 @@ from helpers.videos import NTSC, damage_frames, encode, flat_frames, write_depth
 
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
-from depthcli.jobs.video.plan import VideoRequest, video, video_destination
+from depthcli.jobs.video.plan import VideoRequest, video_destination
+from depthcli.jobs.video.run import video
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.source import VideoSource
 

@@ -179,7 +179,7 @@ def video(
     from depthcli.io.storage.paths import safe_name
     from depthcli.jobs.image import FailedInput
     from depthcli.jobs.outputs import STDIO
-    from depthcli.jobs.video import plan as job
+    from depthcli.jobs.video import run as job
     from depthcli.jobs.video.plan import LOOK_AHEAD, VideoRequest, VideoSettings, video_destination
     from depthcli.video.container import live_stream
 

@@ -1,18 +1,16 @@
-"""Predicting the depth of a video: its request, the names of its outputs, and its result."""
+"""The request of ``depthcli video``, the names of its outputs, and its result."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, BinaryIO
 
-from depthcli.core.parallel import NO_PROGRESS, Progress, share_cores
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format, format_of
@@ -301,35 +299,3 @@ def _segments(
     taken = (numbering.number_in(each, file) for each in segments.values() for file in files)
     first = max((number + 1 for number in taken if number is not None), default=0)
     return {**names, **segments}, first
-
-
-def video(request: VideoRequest, progress: Progress = NO_PROGRESS) -> VideoResult:
-    """Predict the depth of a video, in constant memory; ``progress`` is advanced for each frame.
-
-    After an error, incomplete video files are removed; complete numbered files are kept, and are
-    reused if the same request is made again. ``problem`` of the result is set if the video ended
-    early; its frames up to there are written.
-
-    Raises:
-        InputError: the video cannot be read, or has no frame in the span.
-        OutputError: an output cannot be written.
-        UsageError: the outputs do not fit the video, or an option does not fit the model.
-    """
-    plan = plan_video(request)
-    workers, threads = share_cores(
-        request.workers or (None if request.live is None else 1),  # depth of the newest frame
-        request.model.threads,
-    )
-    loading = replace(request.model, threads=threads).start()
-    # Imported here, while the model loads.
-    from depthcli.inference.pipeline import Pipeline  # noqa: PLC0415
-    from depthcli.jobs.video.stages import write_video  # noqa: PLC0415
-
-    pipeline = Pipeline(loading.result(), request.settings.detail)
-    if not isinstance(plan.source, paths.RemotePath) or numbering.is_sequence(plan.source):
-        return write_video(plan, pipeline, workers, progress)
-    with paths.local_copy(plan.source, progress) as copy:  # FFmpeg's libraries open local files
-        with copy.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-        plan = replace(plan, source=copy, sha256=sha256)
-        return write_video(plan, pipeline, workers, progress)

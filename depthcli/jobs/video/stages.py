@@ -233,7 +233,7 @@ def _in_windows(
 def write_video(
     plan: VideoPlan, pipeline: Pipeline, workers: int, progress: Progress = NO_PROGRESS
 ) -> VideoResult:
-    """Do as :func:`depthcli.jobs.video.plan.video`, of a local video and with a loaded model.
+    """Do as :func:`depthcli.jobs.video.run.video`, of a local video and with a loaded model.
 
     ``workers`` is the number of threads besides the one that decodes and writes.
     """
