@@ -28,9 +28,8 @@ from depthcli.io.formats.table import (
 )
 from depthcli.io.guard import Guard
 from depthcli.io.images.png import encode_png
-from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.atomic import atomic_path, temporary_folder
 from depthcli.io.storage.paths import path_of
-from depthcli.io.storage.temporary import temporary_folder
 from depthcli.known.fit import fit_known_depth
 from depthcli.known.points import KnownDepth
 

@@ -21,9 +21,8 @@ from typing import Annotated, Any, Self
 from depthcli.core.options import DepthFit, Rule
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import Message, OutputError, UsageError, os_errors_as
-from depthcli.io.storage.atomic import append_whole, atomic_path
+from depthcli.io.storage.atomic import append_whole, atomic_path, folder_lock, open_locked
 from depthcli.io.storage.paths import RemotePath, object_checksum, regular_size
-from depthcli.io.storage.temporary import folder_lock, open_locked
 
 OK = "ok"
 FAILED = "failed"

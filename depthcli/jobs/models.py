@@ -20,7 +20,7 @@ from depthcli.inference.pipeline import try_other_size, try_session
 from depthcli.inference.session import Session, ort
 from depthcli.io.guard import Guard
 from depthcli.io.storage import atomic, paths
-from depthcli.io.storage.temporary import open_locked
+from depthcli.io.storage.atomic import open_locked
 from depthcli.models import card as cards
 from depthcli.models import catalog
 from depthcli.models.card import METADATA_KEY, Colour, DataFile, ModelCard, WeightsSpec

@@ -19,8 +19,8 @@ from depthcli.inference.pipeline import Pipeline, depth_for_trial
 from depthcli.inference.transforms import prepare
 from depthcli.io.formats.raster import Png16Writer
 from depthcli.io.images.read import read_image
+from depthcli.io.storage.atomic import temporary_folder
 from depthcli.io.storage.paths import read_bytes
-from depthcli.io.storage.temporary import temporary_folder
 
 _ROUNDS = 3
 _MIN_RUNS = 5
