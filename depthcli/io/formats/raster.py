@@ -49,7 +49,6 @@ class Png16Writer(WriterOptions):
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write (H, W) uint16; depth beyond the range saturates, with a warning."""
-        del frame
         steps, texts, warnings = stored_steps(depth, self, path.suffix[1:])
         if path.suffix.lower() != ".pgm":
             path.write_bytes(encode_png(steps, facts.own_texts(texts)))
@@ -66,7 +65,6 @@ class ErrorWriter(WriterOptions):
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write (H, W) uint16."""
-        del frame
         if depth.error is None:
             raise OutputError("the error of depth is not known", "leave it out", option="format")
         error = np.where(depth.valid, depth.error, np.float32(np.nan))
@@ -198,7 +196,6 @@ class FloatWriter:
 
         The formats have no room for what the numbers mean, which is a warning if they have no unit.
         """
-        del frame
         suffix, values = path.suffix.lower(), np.ascontiguousarray(depth.values, "<f4")
         if suffix == ".npy":
             np.save(file := BytesIO(), values)  # which reports no error of a full disk
@@ -223,7 +220,6 @@ class NpzWriter:
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write the values unchanged."""
-        del frame
         with path.open("wb") as file:
             arrays: dict[str, Any] = {"depth": depth.values}
             if depth.error is not None:

@@ -69,11 +69,6 @@ def path_of(name: str | os.PathLike[str]) -> Path:
     return path
 
 
-def is_remote(name: str | os.PathLike[str]) -> bool:
-    """Whether a name is the URI of a remote file."""
-    return isinstance(path_of(name), RemotePath)
-
-
 def join(folder: str, name: str) -> str:
     """A name joined to a folder, which may be remote; an absolute or remote name unchanged."""
     if _SCHEME.match(name):
