@@ -36,7 +36,7 @@ from depthcli.io.calibration import read_calibration, read_lenses
 from depthcli.io.depth.read import read_metadata, read_stored_depth
 from depthcli.io.exr.file import read_exr_rate, write_exr
 from depthcli.io.formats.exr import ExrWriter
-from depthcli.io.formats.png16 import Png16Writer, SidecarWriter
+from depthcli.io.formats.raster import Png16Writer, SidecarWriter
 from depthcli.io.guard import is_own_image
 from depthcli.io.images.png import encode_png
 from depthcli.io.images.read import read_image

@@ -28,9 +28,8 @@ from depthcli.io.formats.table import (
 )
 from depthcli.io.guard import Guard
 from depthcli.io.images.png import encode_png
-from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.atomic import atomic_path, temporary_folder
 from depthcli.io.storage.paths import path_of
-from depthcli.io.storage.temporary import temporary_folder
 from depthcli.known.fit import fit_known_depth
 from depthcli.known.points import KnownDepth
 
@@ -311,8 +310,8 @@ class DepthMap(types.DepthMap):
         else:
             depth, writer = self._writer(name, options)
             inputs = () if self.frame is None or self.frame.path is None else (self.frame.path,)
-            guard = Guard.of(inputs, overwrite=overwrite)
-            with atomic_path(file, guard=guard) as temporary:
+            Guard.of(inputs, overwrite=overwrite).check(file)
+            with atomic_path(file) as temporary:
                 messages = writer.write(depth, temporary, self.frame)
         warn_all(messages, file)
 

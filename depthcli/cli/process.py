@@ -18,7 +18,7 @@ from typing import NoReturn
 
 from depthcli.core.parallel import Interrupt, run_exit_hooks
 from depthcli.errors import SIGNAL_BASE
-from depthcli.io.storage.temporary import remove_own
+from depthcli.io.storage.atomic import remove_own
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 

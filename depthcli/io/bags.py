@@ -17,7 +17,7 @@ from depthcli.errors import DepthcliError, InputError
 from depthcli.io.archives import Member, Write
 from depthcli.io.calibration import camera_of_ros
 from depthcli.io.formats.table import Format
-from depthcli.io.storage.temporary import temporary_folder
+from depthcli.io.storage.atomic import temporary_folder
 
 _IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _INFO, CLOUD = "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/PointCloud2"

@@ -337,7 +337,8 @@ def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]
     words = map(paths.without_file_scheme, words)
     first = list(islice(words, _MAX_PROBED))
     base = os.path.abspath(root or ".")  # noqa: PTH100 - links stay as named
-    starts = (root or "",) if paths.is_remote(root or "") else (root or "", "")
+    is_remote = isinstance(paths.path_of(root or ""), RemotePath)
+    starts = (root or "",) if is_remote else (root or "", "")
     start = max(
         starts,
         key=lambda folder: sum(os.path.lexists(os.path.join(folder, word)) for word in first),  # noqa: PTH118

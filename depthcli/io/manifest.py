@@ -1,7 +1,7 @@
 """Rows of a batch's inputs: the manifest, and the journal from which a killed batch is resumed.
 
 Rows are appended line by line to the journal, a hidden file. When the batch ends without being
-killed, they are written to the manifest atomically.
+killed, they are written to the manifest atomically. Manifests are summed up and merged.
 """
 
 import hashlib
@@ -10,6 +10,7 @@ import os
 import re
 import threading
 import time
+from collections import Counter
 from collections.abc import Container, Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
@@ -19,10 +20,9 @@ from typing import Annotated, Any, Self
 
 from depthcli.core.options import DepthFit, Rule
 from depthcli.core.validation import FieldError, parsed_json, validated
-from depthcli.errors import OutputError, UsageError, os_errors_as
-from depthcli.io.storage.atomic import append_whole, atomic_path
+from depthcli.errors import Message, OutputError, UsageError, os_errors_as
+from depthcli.io.storage.atomic import append_whole, atomic_path, folder_lock, open_locked
 from depthcli.io.storage.paths import RemotePath, object_checksum, regular_size
-from depthcli.io.storage.temporary import folder_lock, open_locked
 
 OK = "ok"
 FAILED = "failed"
@@ -194,12 +194,6 @@ def _names_in(folder: Path) -> Iterator[str]:
             yield name
 
 
-def damaged_lines(path: Path) -> list[int]:
-    """Numbers of the lines of a file that are no rows, from 1."""
-    with path.open("rb") as file:
-        return [number for number, line in enumerate(file, 1) if parse_row(line) is None]
-
-
 class Rows:
     """The last row of each input in some files, as a line that is parsed when it is needed.
 
@@ -365,3 +359,70 @@ def _busy_error(folder: Path) -> UsageError:
     return UsageError(
         f"another batch is writing to {folder}", "wait for it, or choose another {out}"
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Sums over the rows of a manifest."""
+
+    inputs: int
+    failed: int
+    outputs: int  #: files
+    output_bytes: int
+    seconds: float  #: processing time of all inputs, each from opening it to its last output
+    #: name and checksum of each model, version of depthcli, and number of inputs it processed
+    models: tuple[dict[str, str | int], ...]
+
+
+def read_rows(path: Path) -> Rows:
+    """The latest row of each input in a manifest, or in an output folder with all its shards."""
+    with os_errors_as(UsageError, f"cannot read the manifest {path}"):
+        rows = known_rows(path) if path.is_dir() else Rows([path])
+    if not rows.has_files:
+        raise UsageError(f"no manifest in {path}", "name the output folder of a batch")
+    return rows
+
+
+def damage(path: Path) -> Message | None:
+    """The problem of lines that are no rows in a manifest, or in those of a folder."""
+    for file in row_files(path) if path.is_dir() else [path]:
+        if is_journal(file):
+            continue
+        with file.open("rb") as lines:
+            damaged = [number for number, line in enumerate(lines, 1) if parse_row(line) is None]
+        if damaged:
+            return Message(
+                f"{file}: line {damaged[0]} is no row, and {len(damaged) - 1} others are none",
+                "remove them, and the next batch processes their inputs again",
+            )
+    return None
+
+
+def summarize(rows: Rows) -> Summary:
+    """Sums over all rows."""
+    models: Counter[tuple[str, str, str]] = Counter()
+    failed = outputs = output_bytes = 0
+    seconds = 0.0
+    for row in rows:
+        failed += row.status == FAILED
+        outputs += len(row.outputs)
+        output_bytes += sum(file.bytes for file in row.outputs)
+        seconds += row.seconds
+        models[row.key.model, row.key.model_sha256, row.key.version] += 1
+    names = ("model", "model_sha256", "version")
+    by_model = tuple(dict(zip(names, m, strict=True)) | {"inputs": n} for m, n in models.items())
+    return Summary(models.total(), failed, outputs, output_bytes, round(seconds, 6), by_model)
+
+
+def merge_manifests(folder: Path) -> Path:
+    """Merge the manifests of shards and the journals of killed batches; returns the manifest.
+
+    UsageError if there is none, or a batch is running there.
+    """
+    if not row_files(folder):
+        raise UsageError(f"no manifest in {folder}", "name the output folder of a batch")
+    if problem := damage(folder):
+        raise UsageError(problem)
+    journal = Journal(folder)
+    journal.finish(None)
+    return journal.manifest

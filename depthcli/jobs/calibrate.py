@@ -37,11 +37,6 @@ class KnownObject(NamedTuple):
     y1: float  #: bottom, px
     height_m: float  #: metres
 
-    def known_point(self, focal_px: float) -> Anchor:
-        """The depth of its middle: focal length in rows · height ÷ height in pixels."""
-        middle = round((self.x0 + self.x1) / 2), round((self.y0 + self.y1) / 2)
-        return Anchor(*middle, focal_px * self.height_m / (self.y1 - self.y0))
-
 
 @dataclass(frozen=True, slots=True)
 class CalibrationRequest:
@@ -170,8 +165,10 @@ def _points(request: CalibrationRequest, frame: Frame) -> KnownDepth:
         focal_px = request.camera.focal_for(frame.width, frame.height)
         if focal_px is None:
             raise UsageError("", "an object of known height needs {focal_px} or {hfov}")
-        down = request.camera.pixel_aspect or frame.pixel_aspect
-        return KnownDepth.of([request.known_object.known_point(focal_px * down)])
+        x0, y0, x1, y1, height_m = request.known_object
+        focal_px *= request.camera.pixel_aspect or frame.pixel_aspect  # in rows
+        depth_m = focal_px * height_m / (y1 - y0)
+        return KnownDepth.of([Anchor(round((x0 + x1) / 2), round((y0 + y1) / 2), depth_m)])
     image = Path(frame.path or "")
     if not (isinstance(anchors, tuple) or anchors.is_by_image) and path_of(anchors.path).is_dir():
         return read_file(anchors.file_for(image.name, image=image), anchors)

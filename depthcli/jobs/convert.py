@@ -117,8 +117,8 @@ def _write_converted(
     if not (depth.valid.any() or inspect.is_depth_video(paths.path_of(request.source))):
         raise InputError(f"{stored.name} has no pixel with depth, so nothing is written")
     inputs = [paths.path_of(name) for name in (request.source, request.image) if name is not None]
-    guard = Guard.of(inputs, overwrite=request.overwrite)
-    with atomic.atomic_path(path, guard=guard) as temporary:
+    Guard.of(inputs, overwrite=request.overwrite).check(path)
+    with atomic.atomic_path(path) as temporary:
         writing = (
             _sidecar_options(request, stored) if format_ is table.Format.JSON else request.writing
         )
@@ -334,8 +334,8 @@ def convert_to_video(
             assumed = f"no frame rate is given; {FALLBACK_RATE} is assumed"
             warnings.append(Message(assumed, "give {fps}"))
         timing = Timing(rate or FALLBACK_RATE, source_rate=rate, step=None)
-        guard = Guard.of(inputs, overwrite=request.overwrite)
-        output = stack.enter_context(video_file(format_, path, timing, guard, request.writing))
+        Guard.of(inputs, overwrite=request.overwrite).check(path)
+        output = stack.enter_context(video_file(format_, path, timing, request.writing))
         shape, lock, decay = None, RangeLock(), ema_decay(float(1 / timing.rate), LOCK_S)
         for stored in frames:
             depth = types.with_camera(stored.displayed, request.camera)

@@ -145,21 +145,19 @@ def _check_model(name: str | None, provider: str) -> Iterator[Check]:
 
 def _check_providers(name: str | None) -> Iterator[Check]:
     """Check that each available provider runs the model, except one that takes minutes."""
+    from depthcli.inference.loading import SessionLoader
+    from depthcli.inference.pipeline import try_session
     from depthcli.inference.session import SLOW_TO_START, available_providers
+
+    def load_and_run() -> None:
+        try_session(SessionLoader(name, provider).load())
 
     for provider in available_providers():
         title = f"provider {provider}"
         if provider == SLOW_TO_START:
             yield Check(title, "ok", "built in; builds an engine before its first run, not tried")
         else:
-            yield _tried(title, partial(_load_and_run, name, provider), "runs the model")
-
-
-def _load_and_run(name: str | None, provider: str) -> None:
-    from depthcli.inference.loading import SessionLoader
-    from depthcli.inference.pipeline import try_session
-
-    try_session(SessionLoader(name, provider).load())
+            yield _tried(title, load_and_run, "runs the model")
 
 
 def _check_codecs() -> Iterator[Check]:

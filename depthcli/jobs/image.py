@@ -20,8 +20,7 @@ from depthcli.errors import DepthcliError, OutputError, about, is_out_of_memory,
 from depthcli.inference.pipeline import Pipeline, Prediction
 from depthcli.inference.transforms import focal_warnings
 from depthcli.io.formats.table import FORMATS, Format, WriterOptions, writer_of
-from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.temporary import temporary_folder
+from depthcli.io.storage.atomic import atomic_path, temporary_folder
 from depthcli.io.stored.metadata import known_depth_fields, origin_fields
 from depthcli.known.points import KnownDepth
 

@@ -20,7 +20,7 @@ from depthcli.inference.pipeline import try_other_size, try_session
 from depthcli.inference.session import Session, ort
 from depthcli.io.guard import Guard
 from depthcli.io.storage import atomic, paths
-from depthcli.io.storage.temporary import open_locked
+from depthcli.io.storage.atomic import open_locked
 from depthcli.models import card as cards
 from depthcli.models import catalog
 from depthcli.models.card import METADATA_KEY, Colour, DataFile, ModelCard, WeightsSpec
@@ -183,32 +183,25 @@ def _opened(
             yield file
         return
     part = catalog.user_root() / f".{name}.part"
-    with _locked_file(part) as download, paths.errors_about(source.url, part):
-        if sha256 is None:  # the part may be that of another file
-            download.truncate(0)
-        _download(source, download, progress)
-        try:
-            yield part
-        except ModelError:
-            download.truncate(0)
-            raise
-        download.truncate(0)
-
-
-@contextmanager
-def _locked_file(path: Path) -> Iterator[BinaryIO]:
-    """A file that only this process appends to, removed after the block if it is empty."""
-    with os_errors_as(OutputError, f"{path} cannot be written"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle = open_locked(path)
+    with os_errors_as(OutputError, f"{part} cannot be written"):
+        part.parent.mkdir(parents=True, exist_ok=True)
+        handle = open_locked(part)
     if handle is None:
-        raise UsageError(f"another process writes {path}; wait for its end")
+        raise UsageError(f"another process writes {part}; wait for its end")
     try:
-        with os.fdopen(handle, "r+b") as file:
-            yield file
+        with os.fdopen(handle, "r+b") as download, paths.errors_about(source.url, part):
+            if sha256 is None:  # the part may be that of another file
+                download.truncate(0)
+            _download(source, download, progress)
+            try:
+                yield part
+            except ModelError:
+                download.truncate(0)
+                raise
+            download.truncate(0)
     finally:
-        if path.stat().st_size == 0:
-            path.unlink()
+        if part.stat().st_size == 0:
+            part.unlink()
 
 
 def _download(model: PublishedModel, file: BinaryIO, progress: Progress) -> None:
@@ -406,7 +399,8 @@ def new_card(
     }
     text = ModelCard.from_json(json.dumps(fields), where="the new card").to_json()
     path = out or model.with_name(model.stem + catalog.CARD_SUFFIX)
-    with atomic.atomic_path(path, guard=Guard.of([model], overwrite=overwrite)) as temporary:
+    Guard.of([model], overwrite=overwrite).check(path)
+    with atomic.atomic_path(path) as temporary:
         temporary.write_text(text, "utf-8")
     return path, guesses
 

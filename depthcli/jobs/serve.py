@@ -43,7 +43,7 @@ from depthcli.errors import Message as Text
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.io.formats.table import Format
-from depthcli.io.storage.temporary import temporary_folder
+from depthcli.io.storage.atomic import temporary_folder
 from depthcli.jobs.image import ImageJob, ImageTask, depth_facts
 from depthcli.jobs.outputs import MapOptions
 

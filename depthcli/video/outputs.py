@@ -107,21 +107,20 @@ class VideoFile(VideoOutput):
         self,
         target: Path | OutputPipe,
         timing: Timing,
-        guard: Guard | None,
         audio: AudioTrack | None = None,
     ) -> None:
-        """Prepare a file; it is opened with the first frame.
+        """Prepare a file; it is opened with the first frame, and replaces any other.
 
-        The suffix of the target chooses the container, which has to support the codec; without a
-        guard, any existing file is replaced. OutputError if there is no encoder.
+        The suffix of the target chooses the container, which has to support the codec. OutputError
+        if there is no encoder.
         """
         check_encoder(self._codec)
         super().__init__()
-        self._target, self._timing, self._guard, self._audio = target, timing, guard, audio
+        self._target, self._timing, self._audio = target, timing, audio
 
     def __enter__(self) -> Self:
         if not isinstance(self._target, OutputPipe):
-            self._target = self.enter_context(atomic_path(self._target, guard=self._guard))
+            self._target = self.enter_context(atomic_path(self._target))
         self.callback(self._close)
         return self
 
@@ -269,11 +268,9 @@ class DepthVideoOutput(VideoFile):
 
     _codec = FFV1
 
-    def __init__(
-        self, target: Path | OutputPipe, timing: Timing, writing: WriterOptions, guard: Guard | None
-    ) -> None:
+    def __init__(self, target: Path | OutputPipe, timing: Timing, writing: WriterOptions) -> None:
         """Prepare the units per metre of 16-bit files; without metres, the ends of previews."""
-        super().__init__(target, timing, guard)
+        super().__init__(target, timing)
         self._writing, self._scale = writing, writing.units_per_metre
         self._saturated = self._count = 0
         self._first: DepthFrame | None = None
@@ -333,7 +330,6 @@ class PreviewVideoOutput(VideoFile):
         target: Path | OutputPipe,
         timing: Timing,
         writer: PreviewWriter | StereoWriter,
-        guard: Guard | None,
         *,
         codec: PreviewCodec = PreviewCodec.H264,
         audio: AudioTrack | None = None,
@@ -344,7 +340,7 @@ class PreviewVideoOutput(VideoFile):
         packing = _PACKINGS.get(layout.removeprefix("half-"))
         if packing is not None and codec is PreviewCodec.H264:
             self._tags = {"x264-params": f"frame-packing={packing}"}
-        super().__init__(target, timing, guard, audio)
+        super().__init__(target, timing, audio)
 
     def encode(self, frame: DepthFrame) -> tuple[VideoFrame, DepthFrame]:
         """Render the preview of a frame; also returns the frame."""
@@ -363,7 +359,6 @@ def video_file(
     format_: VideoFormat,
     target: Path | OutputPipe,
     timing: Timing,
-    guard: Guard | None,
     writing: WriterOptions,
     codec: PreviewCodec | None = None,
     audio: AudioTrack | None = None,
@@ -373,18 +368,18 @@ def video_file(
     ``codec`` and ``audio`` are for the latter two; None for the usual codec, and for no sound.
     """
     if format_ is VideoFormat.MKV:
-        return DepthVideoOutput(target, timing, writing, guard)
+        return DepthVideoOutput(target, timing, writing)
     image = Format.STEREO if format_ is VideoFormat.STEREO else Format.PREVIEW
     writer = cast("PreviewWriter | StereoWriter", writer_of(image, writing))
     chosen = preview_codec(format_, codec)
-    return PreviewVideoOutput(target, timing, writer, guard, codec=chosen, audio=audio)
+    return PreviewVideoOutput(target, timing, writer, codec=chosen, audio=audio)
 
 
 class SequenceOutput(VideoOutput):
     """One file a frame, in one of the formats of images, each written atomically."""
 
     def __init__(
-        self, image: Format, folder: Path, pattern: str, writing: WriterOptions, guard: Guard | None
+        self, image: Format, folder: Path, pattern: str, writing: WriterOptions, guard: Guard
     ) -> None:
         """Prepare files in a folder, named by a pattern for their frames' numbers."""
         self.has_overscan = image.facts.has_overscan
@@ -398,7 +393,8 @@ class SequenceOutput(VideoOutput):
         if frame.is_kept:
             return ()
         path = self._folder / numbered_name(self._pattern, frame.image.index)
-        with atomic_path(path, guard=self._guard) as temporary:
+        self._guard.check(path)
+        with atomic_path(path) as temporary:
             return self._writer.write(frame.depth, temporary, frame.image)
 
     def append(self, encoded: tuple[str, ...]) -> None:

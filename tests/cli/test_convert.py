@@ -16,9 +16,8 @@ from helpers.tiny import write_image
 from depthcli.core.types import DepthMap, Provenance
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
-from depthcli.io.formats.png16 import Png16Writer, SidecarWriter
 from depthcli.io.formats.preview import PreviewWriter
-from depthcli.io.formats.raster import FloatWriter
+from depthcli.io.formats.raster import FloatWriter, Png16Writer, SidecarWriter
 from depthcli.io.formats.table import Format
 from depthcli.io.listing import NameFilter
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, convert_folder, plan_folder

@@ -11,7 +11,7 @@ from helpers.command_line import Cli
 from helpers.tiny import card_with, tiny_onnx, write_image
 from helpers.web import FileServer
 
-from depthcli.io.storage.temporary import open_locked
+from depthcli.io.storage.atomic import open_locked
 from depthcli.models.catalog import ready_card, ready_names
 
 PAGE = "https://example.org/weights"

@@ -107,7 +107,7 @@ def write_depth_video(
     kind: DepthKind = DepthKind.METRIC,
 ) -> tuple[str, ...]:
     """Lossless depth; the result are the warnings."""
-    with DepthVideoOutput(path, Timing(rate), WriterOptions(png_scale=scale), None) as output:
+    with DepthVideoOutput(path, Timing(rate), WriterOptions(png_scale=scale)) as output:
         for i, values in enumerate(maps):
             time_s = float(i / rate) if times_s is None else times_s[i]
             output.append(output.encode(shot(values, time_s, kind)))
@@ -122,7 +122,7 @@ def write_preview_video(
     **options: Any,
 ) -> tuple[str, ...]:
     """A preview, with codec and audio as options; the result are the warnings."""
-    with PreviewVideoOutput(path, Timing(rate), PreviewWriter(), None, **options) as output:
+    with PreviewVideoOutput(path, Timing(rate), PreviewWriter(), **options) as output:
         for i, values in enumerate(maps):
             output.append(output.encode(shot(values, first_s + float(i / rate))))
         return output.finish()

@@ -20,8 +20,7 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, OutputError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
-from depthcli.io.formats.png16 import Png16Writer, SidecarWriter
-from depthcli.io.formats.raster import FloatWriter
+from depthcli.io.formats.raster import FloatWriter, Png16Writer, SidecarWriter
 from depthcli.io.formats.table import (
     FORMATS,
     Format,

@@ -15,7 +15,7 @@ from depthcli.core.camera import CameraSource
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import InputError
 from depthcli.io.exr.file import read_exr_channels, write_exr
-from depthcli.io.formats.png16 import SidecarWriter, stretched
+from depthcli.io.formats.raster import SidecarWriter, stretched
 from depthcli.io.formats.table import WriterOptions
 from depthcli.io.images.read import frame_of
 from depthcli.io.stored.metadata import denormalized, normalized

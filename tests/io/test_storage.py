@@ -20,20 +20,18 @@ from depthcli.errors import OutputError
 from depthcli.io import guard as guards
 from depthcli.io.formats.table import Format, WriterOptions, writer_of
 from depthcli.io.guard import Guard, is_own
-from depthcli.io.storage import temporary as temporaries
+from depthcli.io.storage import atomic as temporaries
 from depthcli.io.storage.atomic import (
     append_whole,
     atomic_path,
-    write_text,
-)
-from depthcli.io.storage.paths import read_regular
-from depthcli.io.storage.temporary import (
     folder_lock,
     open_locked,
     remove_stale,
     temporary_beside,
     temporary_folder,
+    write_text,
 )
+from depthcli.io.storage.paths import read_regular
 
 
 def test_two_at_one_output_do_not_meet(tmp_path: Path) -> None:
@@ -118,7 +116,7 @@ def test_a_text_is_utf_8_whatever_the_locale(tmp_path: Path) -> None:
 WRITER = """
 import os, sys, threading
 from pathlib import Path
-from depthcli.io.storage.temporary import remove_own, temporary_beside
+from depthcli.io.storage.atomic import remove_own, temporary_beside
 def write(name):
     while True:
         with temporary_beside(Path(name)) as path:
@@ -194,7 +192,7 @@ def test_links_and_folders_are_nobody_s_temporary_files(tmp_path: Path) -> None:
 def test_without_locks_temporary_files_stay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("depthcli.io.storage.temporary.lock", lambda *_, **__: True)
+    monkeypatch.setattr("depthcli.io.storage.atomic.lock", lambda *_, **__: True)
     path = tmp_path / f".depthcli-{'a' * 16}.png"
     path.touch()
     remove_stale(tmp_path)
@@ -243,8 +241,8 @@ def test_an_input_is_never_replaced(tmp_path: Path) -> None:
     link.symlink_to(source)
     guard = Guard.of([source], overwrite=True)
     for path in (source, link, tmp_path / "yet to be made" / ".." / "a.png"):
-        with pytest.raises(OutputError), atomic_path(path, guard=guard):
-            pytest.fail("nothing is written")
+        with pytest.raises(OutputError):
+            guard.check(path)
     with pytest.raises(OutputError):
         guard.check(tmp_path / "b.png", link)
 

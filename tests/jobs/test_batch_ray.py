@@ -18,8 +18,7 @@ from helpers.tiny import synthetic_image, write_image
 from helpers.videos import write_mp4
 
 from depthcli.errors import EngineError, ModelError, UsageError
-from depthcli.io.manifest import FAILED
-from depthcli.jobs.batch.manifests import read_rows
+from depthcli.io.manifest import FAILED, read_rows
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.ray import LOCAL_CLUSTER, RayEngine
 from depthcli.jobs.batch.run import Batch, BatchRequest

@@ -25,10 +25,8 @@ from depthcli.io.manifest import (
     ManifestRow,
     OutputFile,
     Shard,
-    known_rows,
-)
-from depthcli.jobs.batch.manifests import (
     Summary,
+    known_rows,
     merge_manifests,
     read_rows,
     summarize,

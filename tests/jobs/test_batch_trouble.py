@@ -20,8 +20,7 @@ from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format
 from depthcli.io.images.read import read_image
 from depthcli.io.listing import InputFile
-from depthcli.io.manifest import OK, WHOLE, Journal, Shard, known_rows, parse_row
-from depthcli.jobs.batch.manifests import read_rows
+from depthcli.io.manifest import OK, WHOLE, Journal, Shard, known_rows, parse_row, read_rows
 from depthcli.jobs.batch.plan import BatchPlan, plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions

@@ -19,8 +19,7 @@ from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.exr.file import read_exr_rate
 from depthcli.io.formats.exr import ExrWriter
-from depthcli.io.formats.png16 import Png16Writer
-from depthcli.io.formats.raster import FloatWriter
+from depthcli.io.formats.raster import FloatWriter, Png16Writer
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.stored.depth import DepthReadOptions
 from depthcli.jobs.convert import ConvertRequest, ConvertResult, RoundTrip, convert, convert_video
@@ -185,7 +184,7 @@ def write_frames(
     noise = np.random.default_rng(0)
     places = list(places)
     timing = Timing(rate, Fraction(1, 30_000), rate, step)
-    with DepthVideoOutput(path, timing, WriterOptions(), None) as output:
+    with DepthVideoOutput(path, timing, WriterOptions()) as output:
         for count, place in enumerate(places):
             pixels = np.zeros(SIZE, np.uint8)
             time_s = float(place / rate)

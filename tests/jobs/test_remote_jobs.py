@@ -22,9 +22,8 @@ from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format
 from depthcli.io.listing import read_list
-from depthcli.io.manifest import WHOLE, Shard
+from depthcli.io.manifest import WHOLE, Shard, merge_manifests, read_rows, summarize
 from depthcli.io.storage.paths import path_of
-from depthcli.jobs.batch.manifests import merge_manifests, read_rows, summarize
 from depthcli.jobs.batch.plan import plan_files, plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions

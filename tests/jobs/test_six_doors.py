@@ -19,7 +19,7 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.raster import Png16Writer
 from depthcli.io.formats.table import Format
 from depthcli.jobs.batch.plan import plan_folder
 from depthcli.jobs.batch.run import Batch, BatchRequest

@@ -19,8 +19,7 @@ from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
-from depthcli.io.formats.png16 import Png16Writer
-from depthcli.io.formats.raster import FloatWriter
+from depthcli.io.formats.raster import FloatWriter, Png16Writer
 from depthcli.io.images import heif
 from depthcli.io.images.pixels import upright
 from depthcli.io.images.read import read_image

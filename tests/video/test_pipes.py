@@ -31,7 +31,7 @@ def write_preview(target: Path | OutputPipe, source: Path, first_s: int, seconds
     with VideoSource(source) as video:
         audio = AudioTrack(source, video.start_s or Fraction(0))
     values = np.random.default_rng(0).uniform(1, 9, (64, 64)).astype(np.float32)
-    with PreviewVideoOutput(target, Timing(FILM), PreviewWriter(), None, audio=audio) as output:
+    with PreviewVideoOutput(target, Timing(FILM), PreviewWriter(), audio=audio) as output:
         for i in range(int(seconds * FILM)):
             image = Frame(np.zeros((64, 64), np.uint8), timestamp_s=float(first_s + i / FILM))
             depth = DepthMap(np.roll(values, 9 * i), DepthKind.METRIC)

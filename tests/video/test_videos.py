@@ -361,7 +361,7 @@ def test_previews_of_every_codec(
     values = np.linspace(1, 5, 64, dtype=np.float32)[None].repeat(49, 0)
     for name in "ab":
         path = tmp_path / f"{name}.{suffix}"
-        with PreviewVideoOutput(path, Timing(NTSC), PreviewWriter(), None, codec=codec) as output:
+        with PreviewVideoOutput(path, Timing(NTSC), PreviewWriter(), codec=codec) as output:
             for i in range(12):
                 output.append(output.encode(shot(values + i / 12, time_s=i * 1001 / 30000)))
             # SVT-AV1 takes real-time priority as root, which starves other processes.

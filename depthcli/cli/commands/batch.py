@@ -310,7 +310,7 @@ _Manifest = Annotated[
 
 def show_summary(out: _Manifest, as_json: groups.JsonOption = False) -> int:
     """Count inputs, failures and outputs, of all shards together."""
-    from depthcli.jobs.batch.manifests import damage, read_rows, summarize
+    from depthcli.io.manifest import damage, read_rows, summarize
 
     sums = summarize(read_rows(path_of(out)))
     if problem := damage(path_of(out)):
@@ -327,8 +327,7 @@ def show_summary(out: _Manifest, as_json: groups.JsonOption = False) -> int:
 
 def list_failed(out: _Manifest, as_json: groups.JsonOption = False) -> int:
     """List the inputs that failed, each with the reason."""
-    from depthcli.io.manifest import FAILED
-    from depthcli.jobs.batch.manifests import read_rows
+    from depthcli.io.manifest import FAILED, read_rows
 
     for row in read_rows(path_of(out)):
         if row.status == FAILED and as_json:
@@ -343,7 +342,7 @@ def merge_parts(
     as_json: groups.JsonOption = False,
 ) -> int:
     """Merge the manifests of all shards into one, and remove them."""
-    from depthcli.jobs.batch.manifests import merge_manifests
+    from depthcli.io.manifest import merge_manifests
 
     path = str(merge_manifests(path_of(out)))
     console.show({"manifest": path}, f"manifest: {path}", as_json=as_json)

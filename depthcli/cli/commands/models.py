@@ -52,7 +52,7 @@ def add_model_file(
     Copies the file to the first folder in DEPTHCLI_MODELS, else to depthcli/models in the user's
     data folder, after running the model once.
     """
-    from depthcli.io.storage.paths import is_remote, path_of
+    from depthcli.io.storage.paths import RemotePath, path_of
     from depthcli.jobs.models import add_model, published_model
     from depthcli.models.card import check_command, preprocessing_check, verification_text
 
@@ -79,7 +79,8 @@ def add_model_file(
     verified = "not verified" if check is None else f"verified: {check.verified}"
     facts = f"{metres_text(model.card)}; licence {model.card.license}; {verified}"
     console.note(one_line(facts))
-    if sha256 is None and (is_remote(file) or (published and published.weights.sha256 is None)):
+    is_remote = isinstance(path_of(file), RemotePath)
+    if sha256 is None and (is_remote or (published and published.weights.sha256 is None)):
         console.note(f"to get exactly this file again: --sha256 {model.sha256}")
     if model.card.verification and model.card.verification.difference is not None:
         console.note(f"compared with the authors' code: {verification_text(model.card)}")

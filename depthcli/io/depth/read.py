@@ -18,7 +18,7 @@ import numpy as np
 from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import DepthEncoding
 from depthcli.errors import InputError
-from depthcli.io.formats import png16
+from depthcli.io.formats import raster
 from depthcli.io.formats.table import READABLE_SUFFIXES, reader_of
 from depthcli.io.images import heif
 from depthcli.io.images.jpeg import JPEG_START, exif_of_jpeg, segments
@@ -52,7 +52,7 @@ def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -
 def read_metadata(path: Path) -> Mapping[str, str]:
     """Metadata of a depth file and its sidecar, texts by name; a PNG is not decoded for it."""
     if path.suffix.lower() == ".png":
-        return png16.read_metadata(path)
+        return raster.read_metadata(path)
     return read_stored_depth(path).metadata
 
 

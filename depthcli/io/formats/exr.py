@@ -46,7 +46,6 @@ class ExrWriter(WriterOptions):
         self, displayed: DepthMap, stored: DepthMap, windows: tuple[Window, Window] | None
     ) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
         """The channels of a map, which are those of its data window, and warnings."""
-        del displayed, windows
         values: AnyArray = np.ascontiguousarray(stored.values)
         if self.half:
             with np.errstate(over="ignore"):

@@ -86,7 +86,6 @@ class NormalsWriter(WriterOptions):
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write unit normals; 0, 0, 0 where there is no depth."""
-        del frame
         focal_px, warnings = camera_of(depth)
         surface = surface_of(depth, focal_px)
         stored = np.rint((surface.normals() * np.array([1, -1, -1], np.float32) + 1) * _HALF)

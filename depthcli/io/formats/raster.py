@@ -1,25 +1,181 @@
-"""Plain numbers: NPY and NPZ of NumPy, PFM (stereo and MVS), TIFF, and the dense maps of COLMAP."""
+"""Depth as numbers: integers in PNG and PGM, floats in other files, and the sidecar in JSON.
+
+16-bit gray is by default in millimetres, and 0 means no depth. Floats are in NPY and NPZ of NumPy,
+PFM (stereo and MVS), TIFF, and the dense maps of COLMAP.
+"""
 
 import json
 import math
 import re
-import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings
 
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import AnyArray
-from depthcli.core.types import DepthMap, Frame
-from depthcli.errors import InputError, Message
+from depthcli.core.arrays import AnyArray, UInt16Array
+from depthcli.core.imageops import row_bands
+from depthcli.core.options import one_line
+from depthcli.core.types import DepthKind, DepthMap, DepthRange, Frame
+from depthcli.errors import InputError, Message, OutputError
+from depthcli.io.formats.table import WriterOptions
 from depthcli.io.images import tiff
+from depthcli.io.images.png import SIGNATURE, encode_png, read_text
 from depthcli.io.images.read import OPENCV_MAX_PIXELS, check
+from depthcli.io.media import KEY_PREFIX
 from depthcli.io.storage.paths import read_bytes
-from depthcli.io.stored.depth import METRIC, DepthReadOptions, StoredDepth
+from depthcli.io.stored import metadata as facts
+from depthcli.io.stored.depth import (
+    METRIC,
+    SIDECAR_ENDS,
+    DepthReadOptions,
+    StoredDepth,
+    reciprocal,
+    with_sidecar,
+)
 from depthcli.io.stored.metadata import ERROR, metadata_texts
+
+_ERROR_STEPS = 10_000.0
+_PGM_TEXT = re.compile(rb"^# (%s\w+) (.*)$" % KEY_PREFIX.encode(), re.MULTILINE)
+_PGM_HEAD_BYTES = 4096
+
+
+class Png16Writer(WriterOptions):
+    """uint16 gray PNG, or PGM (Netpbm) by the suffix of the file."""
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write (H, W) uint16; depth beyond the range saturates, with a warning."""
+        steps, texts, warnings = stored_steps(depth, self, path.suffix[1:])
+        if path.suffix.lower() != ".pgm":
+            path.write_bytes(encode_png(steps, facts.own_texts(texts)))
+            return warnings
+        comments = [one_line(f"# {name} {text}") for name, text in facts.own_texts(texts).items()]
+        lines = ["P5", *comments, f"{depth.width} {depth.height}", "65535", ""]
+        head = "\n".join(lines).encode("ascii", "backslashreplace")
+        path.write_bytes(head + steps.astype(">u2").tobytes())
+        return warnings
+
+
+class ErrorWriter(WriterOptions):
+    """The expected error of depth in steps of 0.01 % of it; 0 where there is no depth."""
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write (H, W) uint16."""
+        if depth.error is None:
+            raise OutputError("the error of depth is not known", "leave it out", option="format")
+        error = np.where(depth.valid, depth.error, np.float32(np.nan))
+        steps, _ = facts.quantized(error, _ERROR_STEPS)
+        texts = metadata_texts(depth) | {"kind": ERROR, "scale": f"{_ERROR_STEPS:g}"}
+        path.write_bytes(encode_png(steps, facts.own_texts(texts)))
+        return ()
+
+
+class SidecarWriter(WriterOptions):
+    """Unit, scale, kind, orientation, model, resize, camera, range and version."""
+
+    def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
+        """Write one JSON object."""
+        source = depth.provenance
+        range_, ends = DepthRange.of(depth), dict[str, float]()
+        if self.is_normalized and range_.min is not None and range_.max is not None:
+            ends = dict(zip(SIDECAR_ENDS, self.range_of((range_.min, range_.max)), strict=True))
+        has_unit = depth.is_metric and not self.is_normalized
+        document = {
+            "software": facts.SOFTWARE,
+            "kind": depth.kind.value,
+            "unit": depth.unit,
+            "png16_scale": self.units_per_metre if has_unit else None,
+            **({"png16_inverse": True} if self.png_inverse and depth.is_metric else {}),
+            **ends,
+            "width": depth.width,
+            "height": depth.height,
+            "orientation": frame.orientation if frame else source.orientation,
+            **({"projection": source.projection} if source.projection.is_other else {}),
+            **({} if source.time_s is None else {"time_s": source.time_s}),
+            **range_._asdict(),
+            "network_size_px": source.input_size_px,
+            **facts.origin_fields(depth),
+            **facts.known_depth_fields(depth),
+        }
+        path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", "utf-8")
+        return ()
+
+
+def stored_steps(
+    depth: DepthMap, options: Png16Writer, suffix: str
+) -> tuple[UInt16Array, dict[str, str], tuple[str, ...]]:
+    """The integers of a map, (H, W) uint16; texts that say what they mean; and warnings."""
+    texts, is_metric = metadata_texts(depth), depth.is_metric
+    if not options.is_normalized and is_metric:
+        steps, saturated = facts.quantized(depth.values, options.units_per_metre)
+        texts |= {
+            "scale": f"{options.units_per_metre:g}",
+            "unit": facts.step_unit(options.units_per_metre),
+        }
+        limit_m = facts.UINT16_MAX / options.units_per_metre
+        warning = f"{saturated} pixels beyond {limit_m:.6g} m were saturated"
+        return steps, texts, (warning,) if saturated else ()
+    scale = "normalized"
+    if options.png_inverse and is_metric:
+        least, most = options.vmin, options.vmax
+        if any(end is not None and end <= 0 for end in (least, most)):
+            raise OutputError("0 m has no inverse", "give {vmin} and {vmax} above 0")
+        scale, depth = "inverse", replace(depth, values=reciprocal(depth.values))
+        options = replace(options, vmin=most and 1 / most, vmax=least and 1 / least)
+    steps, (low, high), saturated = stretched(depth, options)
+    texts |= {"scale": scale, "range": f"{low:.9g} {high:.9g}"}
+    warning = f"{depth.kind} depth has no unit; {suffix} is normalized"
+    if options.png_inverse and depth.kind is DepthKind.RELATIVE:
+        warning += ", and far is white, as it has no inverse"
+    warnings = (warning,) * (not (is_metric or options.png_normalize))
+    if saturated:
+        ends = (1 / high, 1 / low) if scale == "inverse" else (low, high)
+        beyond = f"outside {ends[0]:.6g} to {ends[1]:.6g}{' m' if is_metric else ''}"
+        warnings += (f"{saturated} pixels {beyond} were saturated",)
+    return steps, texts, warnings
+
+
+def stretched(
+    depth: DepthMap, options: WriterOptions
+) -> tuple[UInt16Array, tuple[float, float], int]:
+    """Depth as 1-65535, 0 for none, (H, W) uint16, of its own range where no other is stated.
+
+    Also returns the values that 1 and 65535 stand for, and the number of pixels beyond.
+    """
+    values, valid = depth.values, depth.valid
+    if not valid.any():
+        return np.zeros(values.shape, np.uint16), (0.0, 0.0), 0
+    least = float(values.min(where=valid, initial=np.inf))
+    most = float(values.max(where=valid, initial=-np.inf))
+    low, high = options.range_of((least, most))
+    half_step, saturated = (high - low) / (facts.UINT16_MAX - 1) / 2, 0
+    steps = np.empty(values.shape, np.uint16)
+    for rows in row_bands(values.shape[1], values.shape[0]):  # float64 of a whole map is large
+        band = values[rows].astype(np.float64)
+        steps[rows] = facts.normalized(band, valid[rows], low, high)
+        beyond = (band < low - half_step) | (band > high + half_step)
+        saturated += int(np.count_nonzero(valid[rows] & beyond))
+    return steps, (low, high), saturated
+
+
+def read_metadata(path: Path) -> Mapping[str, str]:
+    """Metadata of a PNG and its sidecar, texts by name; the pixels are not decoded."""
+    data = read_bytes(path)
+    header = check(data, str(path), OPENCV_MAX_PIXELS).header
+    return with_sidecar(path, _own_texts(data), (header.width, header.height))[0]
+
+
+def _own_texts(data: bytes) -> dict[str, str]:
+    if data.startswith(SIGNATURE):
+        return facts.own_metadata(read_text(data))
+    comments = _PGM_TEXT.findall(data[:_PGM_HEAD_BYTES])
+    texts = {name.decode(): text.decode("ascii", "replace") for name, text in comments}
+    return facts.own_metadata(texts)
+
 
 _PFM = re.compile(rb"Pf\s+(\d{1,9})\s+(\d{1,9})\s+([-+.\deE]+)(?:\r\n|\s)")
 COLMAP_MAP = re.compile(rb"(\d{1,9})&(\d{1,9})&\d{1,9}&")
@@ -40,7 +196,6 @@ class FloatWriter:
 
         The formats have no room for what the numbers mean, which is a warning if they have no unit.
         """
-        del frame
         suffix, values = path.suffix.lower(), np.ascontiguousarray(depth.values, "<f4")
         if suffix == ".npy":
             np.save(file := BytesIO(), values)  # which reports no error of a full disk
@@ -65,7 +220,6 @@ class NpzWriter:
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write the values unchanged."""
-        del frame
         with path.open("wb") as file:
             arrays: dict[str, Any] = {"depth": depth.values}
             if depth.error is not None:
@@ -76,19 +230,20 @@ class NpzWriter:
 
 def read(path: Path, options: DepthReadOptions) -> StoredDepth:
     """Depth of a gray file or of arrays of any program, in the format that its suffix names."""
-    suffix, data, several = path.suffix.lower(), read_bytes(path), None
+    suffix, data = path.suffix.lower(), read_bytes(path)
+    texts, several = dict[str, str](), None
     if suffix in {".npy", ".npz"}:
         return _read_arrays(data, path, options)
     if suffix in {".pfm", ".bin"}:
         values = _plain_floats(data, path)
     else:
         image = check(data, str(path), OPENCV_MAX_PIXELS)
-        values, several = image.decode().pixels, image.header.warning
+        values, several, texts = image.decode().pixels, image.header.warning, _own_texts(data)
         no_data = tiff.no_data_value(data)
         np.putmask(values, values == no_data, 0 if values.dtype.kind in "iu" else math.nan)
     if values.ndim != 2 or values.dtype == np.uint8:  # noqa: PLR2004
         raise InputError(f"{path} is an image, not gray of 16 bits or more, so it holds no depth")
-    result = StoredDepth.of(path, values, {}, options)
+    result = StoredDepth.of(path, values, texts, options)
     if several:  # pages of a TIFF
         result = replace(result, warnings=(*result.warnings, f"{path} {several}"))
     if suffix != ".bin" or result.scale is None or result.scale.source != "assumed":
@@ -116,8 +271,7 @@ def _read_arrays(data: bytes, path: Path, options: DepthReadOptions) -> StoredDe
     """Depth of one array of floats, or of integers of a known scale."""
     texts, name, others = dict[str, str](), "", dict[str, AnyArray]()
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the header is read as Python, which may warn
+        with catch_warnings(action="ignore"):  # the header is read as Python, which may warn
             if path.suffix.lower() == ".npz":
                 name, values, texts, others = _named_array(data)
             else:

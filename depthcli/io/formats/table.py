@@ -305,7 +305,7 @@ class Format(TableOfFormats):
 
     facts: FormatFacts
 
-    PNG16 = "png16", _steps("png16:Png16Writer", ".depth.png", ".png", _PNG_MARK)
+    PNG16 = "png16", _steps("raster:Png16Writer", ".depth.png", ".png", _PNG_MARK)
     EXR = "exr", _exact("exr:ExrWriter", ".depth.exr", ".exr", EXR_MARK, _EXR, has_overscan=True)
     NPY = "npy", _floats(".depth.npy", ".npy")
     PREVIEW = "preview", _image("preview:PreviewWriter", ".preview.png", None, _PNG_MARK, _COLOURS)
@@ -315,14 +315,14 @@ class Format(TableOfFormats):
     HTML = "html", _scene("preview:HtmlWriter", ".html", ".html", _HTML_MARK, _SURFACE)
     NORMALS = "normals", _stated("geometry:NormalsWriter", ".normals.png", None, _PNG_MARK)
     NORMALS_EXR = "normals-exr", _plate("exr:NormalsExrWriter", ".normals.exr", None, EXR_MARK)
-    ERROR = "error", FormatFacts("png16:ErrorWriter", ".error.png", None, _PNG_MARK)
+    ERROR = "error", FormatFacts("raster:ErrorWriter", ".error.png", None, _PNG_MARK)
     STEREO = "stereo", _scene("preview:StereoWriter", ".stereo.png", None, _PNG_MARK, _STEREO)
     PFM = "pfm", _floats(".depth.pfm", ".pfm")
     TIFF = "tiff", _floats(".depth.tiff", ".tiff")
-    PGM = "pgm", _steps("png16:Png16Writer", ".depth.pgm", ".pgm", _PGM_MARK)
+    PGM = "pgm", _steps("raster:Png16Writer", ".depth.pgm", ".pgm", _PGM_MARK)
     NPZ = "npz", _exact("raster:NpzWriter", ".depth.npz", ".npz", b"depthcli.npy")
     COLMAP = "colmap", _floats(".depth.bin", ".bin")
-    JSON = "json", _stated("png16:SidecarWriter", ".depth.json", ".json", _JSON_MARK, _PNG, _ENDS)
+    JSON = "json", _stated("raster:SidecarWriter", ".depth.json", ".json", _JSON_MARK, _PNG, _ENDS)
 
 
 FORMATS = {format_: format_.facts for format_ in Format}

@@ -14,7 +14,7 @@ from depthcli.core.options import INSTALL_USD
 from depthcli.core.types import DepthMap, Frame
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.geometry import Mesh, MeshWriter, texture_jpeg
-from depthcli.io.storage.temporary import NO_ROOM, temporary_folder
+from depthcli.io.storage.atomic import NO_ROOM, temporary_folder
 from depthcli.io.stored.metadata import metadata_texts
 
 try:

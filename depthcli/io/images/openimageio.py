@@ -16,7 +16,7 @@ from depthcli.errors import InputError, OutputError, os_errors_as
 from depthcli.io.images.opencv import Decoded, Header
 from depthcli.io.images.pixels import upright
 from depthcli.io.media import is_installed
-from depthcli.io.storage.temporary import NO_ROOM, temporary_folder
+from depthcli.io.storage.atomic import NO_ROOM, temporary_folder
 
 _FORMATS = {  # names of formats by the first bytes of their files
     b"SDPX": "DPX",

@@ -7,6 +7,7 @@ retried with exponential backoff and jitter; an interrupted download is resumed.
 from __future__ import annotations
 
 import errno
+import hashlib
 import io
 import os
 import re
@@ -31,6 +32,7 @@ _HTTP_URI = r"(?i)((?:https?|rtsps?)://)(?:[^/@\s]*@)?([^?\s]*)(\?\S*)?"
 _PART_BYTES = 8 << 20
 _PAGE_NAMES = 1000
 _MAX_PARTS = 9_000  # S3 takes 10 000
+SHA256_KEY = "sha256"  #: of an object's metadata
 _MAX_CLIENTS = 32  # each keeps connections open
 NO_PATH = "a name with an empty, '.' or '..' part cannot be read"
 _REASONS = {
@@ -224,10 +226,15 @@ def fetch(
     return size, parts()
 
 
-def put(address: RemotePath, file: Path, metadata: Mapping[str, str] | None = None) -> None:
-    """Upload a file, in parts if it is large. The object appears, or is replaced, at the end."""
+def put(address: RemotePath, file: Path) -> None:
+    """Upload a file, in parts if it is large, with its checksum as metadata.
+
+    The object appears, or is replaced, at the end.
+    """
     part_bytes = max(_PART_BYTES, file.stat().st_size // _MAX_PARTS)
-    _send_request("put", address, file, chunk_size=part_bytes, attributes=dict(metadata or {}))
+    with file.open("rb") as content:
+        metadata = {SHA256_KEY: hashlib.file_digest(content, SHA256_KEY).hexdigest()}
+    _send_request("put", address, file, chunk_size=part_bytes, attributes=metadata)
 
 
 def masked(text: str) -> str:

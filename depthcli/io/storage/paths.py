@@ -15,8 +15,8 @@ from urllib.parse import unquote, urlsplit
 from depthcli.core.parallel import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, InputError, UsageError, os_errors_as
 from depthcli.io.storage import objects
-from depthcli.io.storage.objects import RemotePath
-from depthcli.io.storage.temporary import temporary_folder
+from depthcli.io.storage.atomic import temporary_folder
+from depthcli.io.storage.objects import SHA256_KEY, RemotePath
 
 __all__ = ["RemotePath"]
 
@@ -67,11 +67,6 @@ def path_of(name: str | os.PathLike[str]) -> Path:
     path = RemotePath(f"{scheme}://{rest}")
     path.query = query
     return path
-
-
-def is_remote(name: str | os.PathLike[str]) -> bool:
-    """Whether a name is the URI of a remote file."""
-    return isinstance(path_of(name), RemotePath)
 
 
 def join(folder: str, name: str) -> str:
@@ -153,9 +148,6 @@ def user_folder(kind: Literal["data", "config"]) -> Path:
     return path if path.is_absolute() else Path(os.devnull, _PROGRAM)
 
 
-SHA256_KEY = "sha256"
-
-
 @contextmanager
 def local_copy(
     path: Path, progress: Progress = NO_PROGRESS, *, max_bytes: int | None = None
@@ -195,17 +187,6 @@ def download(
     for part in content:
         file.write(part)
         advance(len(part) / _MB)
-
-
-@contextmanager
-def uploaded(path: RemotePath) -> Iterator[Path]:
-    """A file to write, which is uploaded when the block succeeds, with its checksum as metadata."""
-    with temporary_folder() as folder:
-        file = folder / path.name
-        yield file
-        with file.open("rb") as content:
-            digest = hashlib.file_digest(content, "sha256").hexdigest()
-        objects.put(path, file, {SHA256_KEY: digest})
 
 
 def object_checksum(path: RemotePath) -> tuple[int, str] | None:

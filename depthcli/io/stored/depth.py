@@ -88,6 +88,9 @@ def _find_sidecar(path: Path) -> tuple[Path, dict[str, object]] | None:
     return None
 
 
+_parsed = lru_cache(maxsize=1)(parsed_json)  # all frames of a long video share one
+
+
 def _read_sidecar(path: Path) -> dict[str, object]:
     """The content of a sidecar of depthcli; empty if there is none."""
     try:
@@ -97,12 +100,6 @@ def _read_sidecar(path: Path) -> dict[str, object]:
     if not (isinstance(fields, dict) and str(fields.get("software")).startswith("depthcli ")):
         return {}
     return dict(fields)
-
-
-@lru_cache(maxsize=1)
-def _parsed(sidecar: bytes) -> object:
-    """The value of a sidecar, which all frames of a long video share; not to be changed."""
-    return parsed_json(sidecar)
 
 
 def _describes(

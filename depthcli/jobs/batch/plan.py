@@ -164,9 +164,8 @@ def plan_folder(
     # A store is checked when it is listed.
     is_store = isinstance(place, paths.RemotePath) and not place.is_http
     if not is_store and not place.is_dir():
-        is_file = not isinstance(place, paths.RemotePath) and place.is_file()
-        hint = "; 'depthcli predict' and 'depthcli video' take files" if is_file else ""
-        raise UsageError(f"{place} is not a folder", f"name one, or give {{files}} a list{hint}")
+        advice = "name one, or give {files} a list; 'predict' and 'video' take files"
+        raise UsageError(f"{place} is not a folder", advice)
     if os.path.realpath(root) == os.path.realpath(out):  # the next run would read the outputs
         advice = "choose another folder, for example one inside it"
         raise UsageError(f"{out} is the folder of the inputs", advice, option="out")

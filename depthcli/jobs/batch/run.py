@@ -24,13 +24,12 @@ from depthcli.errors import InputError, OutputError, UsageError, os_errors_as
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.session import CPU, Session
 from depthcli.inference.transforms import focal_warnings
-from depthcli.io.formats.png16 import read_metadata
+from depthcli.io.formats.raster import read_metadata
 from depthcli.io.guard import Guard
 from depthcli.io.images.read import check
 from depthcli.io.manifest import WHOLE, Journal, ManifestRow, known_rows
-from depthcli.io.storage.atomic import atomic_path
+from depthcli.io.storage.atomic import remove_stale, write_text
 from depthcli.io.storage.paths import local_copy, read_bytes, safe_name
-from depthcli.io.storage.temporary import remove_stale
 from depthcli.io.stored.metadata import SOFTWARE, UINT16_MAX
 from depthcli.jobs.batch.plan import BatchPlan, holds_many
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, TaskBuilder
@@ -304,5 +303,4 @@ def _moved(fields: Mapping[str, Any], folder: Path, out: Path) -> dict[str, Any]
 
 
 def _write(path: Path, table: Mapping[str, Any]) -> None:
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(table, indent=2) + "\n", "utf-8")
+    write_text(json.dumps(table, indent=2) + "\n", path)

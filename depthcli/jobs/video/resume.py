@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
 
@@ -32,24 +32,23 @@ class FrameJournal:
     """The frames that are finished, by an earlier run with the same fingerprint or by this one."""
 
     plan: VideoPlan | None = None  #: of the numbered files; None if frames are not recorded
-    earlier: frozenset[int] = frozenset()  #: numbers of frames that the earlier run finished
+    done: set[int] = field(default_factory=set)  #: numbers of the frames
     is_resumed: bool = False  #: whether there was such a run, which was stopped
     file: TextIO | None = None  #: where frames are recorded
-    count: int = 0  #: frames that are recorded
 
     def add(self, number: int) -> None:
         """Record that all files of a frame are written."""
-        if self.file is not None and number not in self.earlier:
+        if self.file is not None and number not in self.done:
             self.file.write(f"{number}\n")
             self.file.flush()
-            self.count += 1
+            self.done.add(number)
 
     def depth(self, number: int) -> Float32Array | None:
         """Depth of a frame in the files of an earlier run, (H, W); None if it is to be predicted.
 
         All other outputs are made of it. Thread-safe.
         """
-        if self.plan is None or number not in self.earlier:
+        if self.plan is None or number not in self.done:
             return None
         names = [self.plan.names.get(VideoFormat(format_)) for format_ in READABLE]  # best first
         paths = [self.plan.folder / numbered_name(name, number) for name in names if name]
@@ -60,14 +59,14 @@ class FrameJournal:
         return maps[0].values
 
 
-def finished_frames(path: Path, fingerprint: str) -> frozenset[int] | None:
+def finished_frames(path: Path, fingerprint: str) -> set[int] | None:
     """Numbers of frames that a run with this fingerprint finished; None without such a run."""
     if not path.is_file():
         return None
     head, *lines = path.read_text("utf-8", "replace").splitlines() or [""]
     if head != json.dumps(fingerprint):
         return None
-    return frozenset(int(line) for line in lines if _NUMBER.fullmatch(line))
+    return {int(line) for line in lines if _NUMBER.fullmatch(line)}
 
 
 def rounding_scale(plan: VideoPlan, pipeline: Pipeline) -> float | None:
@@ -121,9 +120,9 @@ def open_journal(
         path.unlink(missing_ok=True)
         if can_resume:
             path.parent.mkdir(parents=True, exist_ok=True)
-            numbers, file = earlier or frozenset(), path.open("x", encoding="utf-8")
-            journal = FrameJournal(plan, numbers, earlier is not None, file, len(numbers))
-            file.writelines(f"{line}\n" for line in (json.dumps(origin), *sorted(numbers)))
+            file = path.open("x", encoding="utf-8")
+            journal = FrameJournal(plan, earlier or set(), earlier is not None, file)
+            file.writelines(f"{line}\n" for line in (json.dumps(origin), *sorted(journal.done)))
             file.flush()
     is_kept = True
     try:
@@ -133,7 +132,7 @@ def open_journal(
         if journal.file is not None:
             with suppress(OSError):  # of a full disk, which add has reported already
                 journal.file.close()
-            if not (is_kept and journal.count):
+            if not (is_kept and journal.done):
                 path.unlink(missing_ok=True)
 
 

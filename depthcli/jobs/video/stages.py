@@ -10,6 +10,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -256,7 +257,9 @@ def write_video(
         outputs = [*map(stack.enter_context, _outputs(plan, source, guard))]
         sidecar = None
         if VideoFormat.JSON in plan.names:
-            sidecar = stack.enter_context(atomic_path(plan.path(VideoFormat.JSON), guard=guard))
+            path = plan.path(VideoFormat.JSON)
+            guard.check(path)
+            sidecar = stack.enter_context(atomic_path(path))
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
         frames = source.frames(settings.span)
         first = next(frames, None)
@@ -358,7 +361,9 @@ def open_output(
     if starts_s is not None and not isinstance(plan.source, LiveStream):
         audio = AudioTrack(plan.source, starts_s)
     target = plan.target(format_, segment)
-    return video_file(format_, target, timing, guard, writing, request.codec, audio)
+    if isinstance(target, Path):
+        guard.check(target)
+    return video_file(format_, target, timing, writing, request.codec, audio)
 
 
 def _result(

@@ -15,7 +15,7 @@ from torch import nn
 from depthcli.core.arrays import Float32Array
 from depthcli.errors import ParityError
 from depthcli.inference.session import ort
-from depthcli.io.storage.temporary import temporary_folder
+from depthcli.io.storage.atomic import temporary_folder
 from depthcli.lab.training.networks.encoder import folded_norms
 from depthcli.lab.training.networks.prompted import PromptedGenerator
 from depthcli.models.card import PROMPT_INPUTS

@@ -21,7 +21,7 @@ from depthcli.inference.transforms import prepare
 from depthcli.io.images.read import read_image
 from depthcli.io.listing import list_folder
 from depthcli.io.media import is_video
-from depthcli.io.storage.temporary import temporary_folder
+from depthcli.io.storage.atomic import temporary_folder
 from depthcli.lab.datasets.folders import sample_positions
 from depthcli.lab.export.graph import INPUT, OUTPUT, prompts_for
 from depthcli.models.card import PROMPT_INPUTS, InputSpec

@@ -176,11 +176,9 @@ def export_checkpoint(checkpoint: Path, out: Path, options: ExportOptions) -> Ex
     card = dataclasses.replace(
         card, file=out.name, sha256=hashlib.sha256(data).hexdigest(), size_bytes=len(data)
     )
-    guard = Guard.of([checkpoint], overwrite=True)
-    with (  # both are written before either is renamed, as old and new ones do not match
-        atomic_path(out, guard=guard) as path,
-        atomic_path(own_card, guard=guard) as card_file,
-    ):
+    Guard.of([checkpoint], overwrite=True).check(out, own_card)
+    # Both are written before either is renamed, as old and new ones do not match.
+    with atomic_path(out) as path, atomic_path(own_card) as card_file:
         path.write_bytes(data)
         card_file.write_text(card.to_json(), "utf-8")
     return ExportResult(out, card, parity)

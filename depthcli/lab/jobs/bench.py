@@ -17,10 +17,10 @@ from depthcli.core.parallel import one_thread_each, ordered_map, share_cores
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline, depth_for_trial
 from depthcli.inference.transforms import prepare
-from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.raster import Png16Writer
 from depthcli.io.images.read import read_image
+from depthcli.io.storage.atomic import temporary_folder
 from depthcli.io.storage.paths import read_bytes
-from depthcli.io.storage.temporary import temporary_folder
 
 _ROUNDS = 3
 _MIN_RUNS = 5

@@ -11,8 +11,7 @@ from depthcli.core.options import MILLIMETRES, DepthFit, UpsamplingOptions
 from depthcli.core.parallel import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.storage.atomic import atomic_path, is_special, write_text
-from depthcli.io.storage.temporary import temporary_folder
+from depthcli.io.storage.atomic import atomic_path, is_special, temporary_folder, write_text
 from depthcli.io.stored.depth import AS_STATED, DepthReadOptions
 from depthcli.lab.datasets.base import NYU
 from depthcli.lab.datasets.nyu import is_nyu, open_nyu

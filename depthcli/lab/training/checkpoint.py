@@ -14,8 +14,8 @@ from torch import nn
 
 from depthcli.core.validation import FieldError, merged, validated
 from depthcli.errors import CheckpointError, OutputError, TrainingError, UsageError
+from depthcli.io.storage.atomic import temporary_beside
 from depthcli.io.storage.paths import regular_size
-from depthcli.io.storage.temporary import temporary_beside
 from depthcli.lab.options import Weights
 from depthcli.lab.training.config import TrainConfig, check_config
 from depthcli.lab.training.networks.build import build_network

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from depthcli.core.arrays import Float32Array
 from depthcli.core.types import DepthMap
-from depthcli.io.formats.png16 import Png16Writer
+from depthcli.io.formats.raster import Png16Writer
 from depthcli.lab.export.graph import build_graph, check_parity
 from depthcli.lab.export.int8 import (
     calibration_batches,
