@@ -25,8 +25,7 @@ from depthcli.errors import InputError, Message, ModelError, UsageError
 from depthcli.inference import transforms
 from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import Layout, prepare
-from depthcli.known.fit import fitted
-from depthcli.known.points import KnownDepth
+from depthcli.known.points import KnownDepth, fitted
 from depthcli.models.card import InputSpec, OutputSpec
 
 _LONGEST = 2.5  # of images of one shot; phones' panoramas are longer
