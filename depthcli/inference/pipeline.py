@@ -217,9 +217,6 @@ class Pipeline:
         source = self._provenance(frame, (layout.width, layout.height), camera)
         depth = DepthMap(values, self.card.output.kind, source, self._error(frame))
         warnings = _range_warnings(spec, depth, scale)
-        if self.detail.tile_px and tile_px is None:
-            wide = f"the image is {frame.width} pixels wide"
-            warnings += (Message("it has no effect", wide, option="tile"),)
         return Prediction(depth, warnings), followed
 
     def _error(self, frame: Frame) -> Float32Array | None:

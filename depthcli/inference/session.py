@@ -16,7 +16,7 @@ from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import one_line
 from depthcli.core.parallel import usable_cores
 from depthcli.errors import ModelError, ProviderError, UsageError
-from depthcli.models.card import MAX_INPUT_PIXELS, fit_to_graph
+from depthcli.models.card import fit_to_graph
 from depthcli.models.catalog import Model
 
 __all__ = ["ort"]
@@ -272,11 +272,7 @@ class Session:
         maps = raw[np.newaxis] if is_single else raw
         if raw.ndim == _IMAGE_RANK:
             maps = raw[:, 0] if raw.shape[1] == 1 else raw[..., 0] if raw.shape[3] == 1 else raw
-        if (
-            maps.ndim != _IMAGE_RANK - 1
-            or len(maps) != count
-            or not 0 < maps[0].size <= MAX_INPUT_PIXELS
-        ):
+        if maps.ndim != _IMAGE_RANK - 1 or len(maps) != count:
             raise ModelError(
                 f"{self.model.path} gives {raw.shape}, not one depth map an image: (N, h, w), "
                 "(N, 1, h, w) or (N, h, w, 1); use a depth model, or export it again"
@@ -311,19 +307,15 @@ def _start(
         source = str(model.path) if model.data is None else model.data
         return ort.InferenceSession(source, options, configured, enable_fallback=0)
     except Exception as error:
-        reason = _load_error(model, names, error)
-        if isinstance(reason, ProviderError) and len(names) > 1:
+        if names[0] == CPU or "CPUExecutionProvider" in str(error):
+            raise ModelError(
+                f"onnxruntime {ort.__version__} cannot load {model.path} "
+                f"(opset {model.card.onnx.opset}, IR {model.card.onnx.ir}): {_first_line(error)}"
+            ) from error
+        if len(names) > 1:
             return _start(model, names[1:], threads, provider_options)  # the caller warns of it
-        raise reason from error
-
-
-def _load_error(model: Model, names: tuple[str, ...], error: Exception) -> ModelError:
-    if names[0] != CPU and "CPUExecutionProvider" not in str(error):
-        return ProviderError(f"provider {names[0]!r} does not start: {_first_line(error)}")
-    return ModelError(
-        f"onnxruntime {ort.__version__} cannot load {model.path} "
-        f"(opset {model.card.onnx.opset}, IR {model.card.onnx.ir}): {_first_line(error)}"
-    )
+        problem = f"provider {names[0]!r} does not start: {_first_line(error)}"
+        raise ProviderError(problem) from error
 
 
 def _image_input(session: ort.InferenceSession, model: Model) -> tuple[str, tuple[int | None, ...]]:

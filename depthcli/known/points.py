@@ -63,24 +63,22 @@ class KnownDepth:
         """Points from (N, 3) numbers: column, row, metres; each is of the nearest pixel.
 
         Those without a depth or a place, such as of NaN or 0 m, are left out and counted in a
-        warning, unless there are no others.
+        warning, unless none is left.
         """
         table = table.astype(np.float64)
         lowest, highest = DEPTH_M_RANGE
         is_known = np.isfinite(table).all(axis=1)
         is_known &= (table[:, 2] >= lowest) & (table[:, 2] <= highest)
-        lost = np.count_nonzero(~is_known) if is_known.any() else 0
+        some, lost = table[is_known], np.count_nonzero(~is_known)
         problem = f"{lost} of {len(table)} points are behind the camera or not finite"
-        warnings = (f"{problem}, and are not used",) if lost else ()
-        table = table[is_known] if lost else table
-        pixels = np.nan_to_num(np.rint(table[:, :2]), nan=-1)
-        x, y = pixels.clip(-_MAX_PIXEL, _MAX_PIXEL).astype(np.int64).T
-        return cls(x, y, table[:, 2], warnings=warnings).doubted()
+        warnings = (f"{problem}, and are not used",) if 0 < lost < len(table) else ()
+        x, y = np.rint(some[:, :2]).clip(-_MAX_PIXEL, _MAX_PIXEL).astype(np.int64).T
+        return cls(x, y, some[:, 2], warnings=warnings).doubted()
 
     @classmethod
     def of_map(cls, depth_m: FloatArray) -> Self:
-        """The pixels of a sparse map, (H, W) metres, that have a depth: finite and above 0."""
-        y, x = np.nonzero(has_depth(depth_m))
+        """The pixels of a sparse map, (H, W) metres, that have a depth from 1 mm to 1000 km."""
+        y, x = np.nonzero((depth_m >= DEPTH_M_RANGE[0]) & (depth_m <= DEPTH_M_RANGE[1]))
         height, width = depth_m.shape
         return cls(x, y, depth_m[y, x].astype(np.float64), (width, height))
 
@@ -114,13 +112,7 @@ class KnownDepth:
         scaled to the image.
         """
         if not len(self):
-            raise UsageError("there are no known points to fit the map to")
-        lowest, highest = DEPTH_M_RANGE
-        for at in np.flatnonzero(~((self.depth_m >= lowest) & (self.depth_m <= highest)))[:1]:
-            raise UsageError(
-                f"the point {self.x[at]},{self.y[at]} has a depth of {self.depth_m[at]:g} m; give "
-                f"{DEPTH_M.what}"
-            )
+            raise UsageError(f"there are no known points to fit the map to; give {DEPTH_M.what}")
         points = self._scaled(width, height)
         inside = (points.x >= 0) & (points.x < width) & (points.y >= 0) & (points.y < height)
         outside = int(np.count_nonzero(~inside))

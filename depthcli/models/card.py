@@ -389,12 +389,6 @@ def _check_input(spec: InputSpec) -> None:
     for name, numbers in (("mean", spec.mean), ("std", spec.std)):
         if len(numbers) not in {1, spec.colour.channels}:
             raise FieldError("has to be one number, or one a channel", f"input.{name}")
-    if spec.width * spec.height > MAX_INPUT_PIXELS:
-        raise FieldError(f"times height is more than {MAX_INPUT_PIXELS:,} pixels", "input.width")
-    if spec.dynamic and spec.multiple_of > min(spec.width, spec.height):
-        raise FieldError("is more than input.width or input.height", "input.multiple_of")
-    if spec.prompt_inputs and spec.layout != "nchw":
-        raise FieldError("has to be nchw with a prompt", "input.layout")
     if spec.fit in _DYNAMIC_ONLY and not spec.dynamic:
         raise FieldError(f"is {spec.fit}, which needs a dynamic size", "input.fit")
     if spec.fit in _DYNAMIC_ONLY and spec.pixel_aspect != 1:
