@@ -35,8 +35,7 @@ import depthcli
 from depthcli.core.options import DepthFit
 from depthcli.core.types import DepthMap
 from depthcli.errors import UsageError
-from depthcli.known.fit import fit_known_depth
-from depthcli.known.points import KnownDepth
+from depthcli.known.points import KnownDepth, fit_known_depth
 from depthcli.lab.datasets.base import SplitName
 from depthcli.lab.datasets.nyu import open_nyu
 from depthcli.lab.datasets.prompts import Prompt, parsed_prompt

@@ -24,7 +24,7 @@ from depthcli.jobs.image import ImageJob
 from depthcli.jobs.video.plan import VideoRequest, plan_video, video_destination
 from depthcli.jobs.video.resume import FrameJournal
 from depthcli.jobs.video.stages import FrameFilter, FramePredictor, open_output
-from depthcli.known.frames import KnownDepthOfFrames
+from depthcli.known.sources import KnownDepthOfFrames
 from depthcli.video.formats import VideoFormat
 from depthcli.video.source import VideoSource
 

@@ -7,8 +7,8 @@ and the true mean error beside the expected one, on held-out pairs. The law is
 
 with the error that is expected without points and the distance to the nearest point that depth
 follows, in the image's longer side; of a fit of scale and shift alone, with 1 + 1 / points in place
-of the distance. Its numbers (likelihood of Laplace) are those of depthcli/known/fit.py. Each half
-of the pairs is measured by a law of the other half.
+of the distance. Its numbers (likelihood of Laplace) are those of depthcli/known/points.py. Each
+half of the pairs is measured by a law of the other half.
 
 Run with networks that saw none of the held-out scenes::
 

@@ -53,7 +53,7 @@ from depthcli.lab.training.checkpoint import Checkpoint, TrainState
 from depthcli.lab.training.config import TrainConfig
 from depthcli.lab.training.settings import apply_overrides
 from depthcli.models.card import ModelCard
-from depthcli.models.catalog import find_model, read_facts
+from depthcli.models.catalog import find_model, onnx_facts
 from depthcli.video.decoder import has_valid_slices
 from depthcli.video.depth_video import DepthVideo
 from depthcli.video.source import VideoSource
@@ -271,7 +271,7 @@ def _models() -> list[bytes]:
 
 
 def _read_onnx(path: Path) -> None:
-    read_facts(path.read_bytes(), "a.onnx")
+    onnx_facts(path)
 
 
 def _run_model(path: Path) -> None:

@@ -30,8 +30,7 @@ from depthcli.io.guard import Guard
 from depthcli.io.images.png import encode_png
 from depthcli.io.storage.atomic import atomic_path, temporary_folder
 from depthcli.io.storage.paths import path_of
-from depthcli.known.fit import fit_known_depth
-from depthcli.known.points import KnownDepth
+from depthcli.known.points import KnownDepth, fit_known_depth
 
 AnchorLike: TypeAlias = Anchor | tuple[int, int, float]
 Anchors: TypeAlias = Sequence[AnchorLike] | AnyArray | types.DepthMap

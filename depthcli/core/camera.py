@@ -112,12 +112,8 @@ class Intrinsics:
         """A camera of the user, whose focal length is in one of two forms."""
         if focal_px is not None and hfov_deg is not None:
             raise UsageError("give the focal length or the field of view, not both")
-        if centre_px is not None:
-            x, y = map(float, centre_px)
-            if not (math.isfinite(x) and math.isfinite(y)):
-                raise UsageError(f"a principal point is (cx, cy) in pixels, not {centre_px}")
-            centre_px = x, y
-        return cls(focal_px, hfov_deg, centre_px)
+        centre = None if centre_px is None else (float(centre_px[0]), float(centre_px[1]))
+        return cls(focal_px, hfov_deg, centre)
 
     @property
     def has_focal(self) -> bool:

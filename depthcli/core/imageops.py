@@ -107,12 +107,6 @@ def resize_antialiased(
     return values
 
 
-def _eight_bits(values: Float32Array) -> Float32Array:
-    """Colours in [0, 1], rounded to those of 8-bit images; halves up, as libraries do."""
-    levels = np.floor(values * 255 + 0.5).clip(0, 255)
-    return np.asarray(levels / np.float32(255), np.float32)
-
-
 def _antialiased_rows(
     values: Float32Array, size: int, *, cubic: bool, eight_bit: bool
 ) -> Float32Array:
@@ -133,7 +127,8 @@ def _antialiased_rows(
         weights /= weights.sum(axis=1, keepdims=True)
         if eight_bit:  # whole levels and fixed-point weights, as Pillow has them
             weights = np.rint(weights * _FIXED_POINT) / _FIXED_POINT
-            band = _eight_bits(weights @ np.rint(flat[first:last] * 255.0) / 255)
+            levels = np.floor(weights @ np.rint(flat[first:last] * 255.0) + 0.5)  # halves up
+            band = np.asarray(levels.clip(0, 255) / np.float32(255), np.float32)
         else:
             band = weights.astype(np.float32) @ flat[first:last]
         result[start : start + len(centres)] = band

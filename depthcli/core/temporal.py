@@ -94,9 +94,7 @@ def to_log(depth: DepthMap) -> Float32Array:
     """
     if depth.kind is not DepthKind.METRIC:
         return depth.values
-    with np.errstate(divide="ignore", invalid="ignore"):
-        logs: Float32Array = np.log(depth.values)
-    return np.where(np.isfinite(logs), logs, np.float32(np.nan))
+    return np.log(np.where(depth.valid, depth.values, np.float32(np.nan)))
 
 
 def from_log(values: Float32Array, kind: DepthKind) -> Float32Array:

@@ -30,8 +30,6 @@ _LIT_SHARE = 0.01  # a few bright pixels on black are highlights
 
 def check_pixels(pixels: AnyArray) -> None:
     """Check that pixels are (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1]."""
-    if not isinstance(pixels, np.ndarray):
-        raise InputError(f"pixels have to be an array of NumPy, not {type(pixels).__name__}")
     shape, dtype = pixels.shape, pixels.dtype
     if len(shape) < _GRAY_RANK or shape[_GRAY_RANK:] not in ((), (_RGB,)) or 0 in shape:
         raise InputError(f"pixels of shape {shape} are not an image; give (H, W) or (H, W, 3) RGB")
@@ -191,9 +189,6 @@ class Frame:
 
     def __post_init__(self) -> None:
         check_pixels(self.pixels)
-        (low, high), aspect = PIXEL_ASPECTS, self.pixel_aspect
-        if not low <= aspect <= high:
-            raise InputError(f"a pixel aspect of {aspect:g} is not from {low:g} to {high:g}")
         object.__setattr__(self, "projection", chosen(Projection, self.projection, "projection"))
 
     @property

@@ -50,13 +50,11 @@ def parsed_json(text: str | bytes) -> object:
     """The value of a JSON text.
 
     Raises:
-        FieldError: it is not valid JSON, is nested too deeply, or repeats a key in one object.
+        FieldError: it is not valid JSON, or is nested too deeply.
     """
     try:
-        return _DECODER.decode(text if isinstance(text, str) else text.decode("utf-8-sig"))
-    except RecursionError:
-        raise FieldError("is not valid JSON (nested too deeply)") from None
-    except ValueError as error:
+        return json.loads(text)
+    except (RecursionError, ValueError) as error:
         raise FieldError(f"is not valid JSON ({error})") from None
 
 
@@ -80,16 +78,6 @@ def _overlaid(base: object, changes: object) -> object:
     if not (isinstance(base, dict) and isinstance(changes, dict)):
         return changes
     return base | {name: _overlaid(base.get(name), value) for name, value in changes.items()}
-
-
-def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    entries = dict(pairs)
-    if len(entries) < len(pairs):
-        raise ValueError("a name is there twice")
-    return entries
-
-
-_DECODER = json.JSONDecoder(object_pairs_hook=_unique_keys)
 
 
 @cache

@@ -25,8 +25,7 @@ from depthcli.errors import InputError, Message, ModelError, UsageError
 from depthcli.inference import transforms
 from depthcli.inference.session import RawOutputs, Session
 from depthcli.inference.transforms import Layout, prepare
-from depthcli.known.fit import fitted
-from depthcli.known.points import KnownDepth
+from depthcli.known.points import KnownDepth, fitted
 from depthcli.models.card import InputSpec, OutputSpec
 
 _LONGEST = 2.5  # of images of one shot; phones' panoramas are longer
@@ -218,9 +217,6 @@ class Pipeline:
         source = self._provenance(frame, (layout.width, layout.height), camera)
         depth = DepthMap(values, self.card.output.kind, source, self._error(frame))
         warnings = _range_warnings(spec, depth, scale)
-        if self.detail.tile_px and tile_px is None:
-            wide = f"the image is {frame.width} pixels wide"
-            warnings += (Message("it has no effect", wide, option="tile"),)
         return Prediction(depth, warnings), followed
 
     def _error(self, frame: Frame) -> Float32Array | None:

@@ -16,7 +16,7 @@ from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import one_line
 from depthcli.core.parallel import usable_cores
 from depthcli.errors import ModelError, ProviderError, UsageError
-from depthcli.models.card import MAX_INPUT_PIXELS, fit_to_graph
+from depthcli.models.card import fit_to_graph
 from depthcli.models.catalog import Model
 
 __all__ = ["ort"]
@@ -269,11 +269,7 @@ class Session:
         maps = raw[np.newaxis] if is_single else raw
         if raw.ndim == _IMAGE_RANK:
             maps = raw[:, 0] if raw.shape[1] == 1 else raw[..., 0] if raw.shape[3] == 1 else raw
-        if (
-            maps.ndim != _IMAGE_RANK - 1
-            or len(maps) != count
-            or not 0 < maps[0].size <= MAX_INPUT_PIXELS
-        ):
+        if maps.ndim != _IMAGE_RANK - 1 or len(maps) != count:
             raise ModelError(
                 f"{self.model.path} gives {raw.shape}, not one depth map an image: (N, h, w), "
                 "(N, 1, h, w) or (N, h, w, 1); use a depth model, or export it again"

@@ -24,9 +24,8 @@ from depthcli.core.camera import (
 )
 from depthcli.core.options import Upsampling
 from depthcli.core.types import DepthKind, Frame
-from depthcli.known.fit import ROBUST_FROM
 from depthcli.known.local_correction import log_correction, thinned
-from depthcli.known.points import KnownDepth, pixels_of
+from depthcli.known.points import ROBUST_FROM, KnownDepth, pixels_of
 from depthcli.models.card import (
     MAX_INPUT_PIXELS,
     CameraSpec,

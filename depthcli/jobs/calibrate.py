@@ -19,8 +19,7 @@ from depthcli.io.images.read import read_image, undistorted
 from depthcli.io.listing import list_folder
 from depthcli.io.storage.paths import path_of
 from depthcli.known.files import KnownDepthFiles
-from depthcli.known.fit import Pairs, ScaleShift, robust
-from depthcli.known.points import KnownDepth
+from depthcli.known.points import KnownDepth, Pairs, ScaleShift, robust
 from depthcli.known.sources import read_file, read_known_depth
 
 _MOST_POINTS = 2000  # of an image, evenly spaced

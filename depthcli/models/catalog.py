@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 import shlex
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
@@ -63,14 +63,16 @@ class OnnxFacts(NamedTuple):
     external: frozenset[str]
 
 
-def read_facts(data: Content, where: str) -> OnnxFacts:
-    """The facts of the bytes of a complete ONNX file; messages say ``where``."""
+def onnx_facts(path: Path, data: bytes | None = None) -> OnnxFacts:
+    """The facts of a complete ONNX file whose weights are all inside, from disk or its content."""
     try:
-        return _facts(data)
-    except (IndexError, ValueError) as error:
-        raise ModelError(
-            f"{where} is damaged or not an ONNX file; download or export it again"
-        ) from error
+        if data is not None:
+            return _facts(data)
+        with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as mapped:
+            return _facts(mapped)
+    except (IndexError, ValueError) as error:  # an empty file cannot be mapped
+        problem = f"{path} is damaged or not an ONNX file; download or export it again"
+        raise ModelError(problem) from error
 
 
 def _facts(data: Content) -> OnnxFacts:
@@ -299,10 +301,8 @@ def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
 
 def read_model(location: ModelLocation) -> Model:
     """Read and check a model."""
-    card = None
-    if location.card:
-        card = ModelCard.from_json(read_limited(location.card), where=str(location.card))
-    path = location.onnx
+    beside, path = location.card, location.onnx
+    card = ModelCard.from_json(read_limited(beside), where=str(beside)) if beside else None
     if path is None:
         if card is None or card.file is None:
             raise ModelError(
@@ -317,7 +317,12 @@ def read_model(location: ModelLocation) -> Model:
             check_file(file, path.with_name(file.file), *checksum(path.with_name(file.file)))
     if card is None or card.sha256 is None:  # else it is the file that its card was made for
         facts = onnx_facts(path, data)
-        check_external(facts, [file.file for file in card.data] if card else (), path)
+        if not facts.external <= {file.file for file in (card.data if card else ())}:
+            raise ModelError(
+                f"{path} keeps weights in a second file, which no checksum covers; 'depthcli models"
+                " add' completes its card, or save both as one, with onnx.save(onnx.load('IN.onnx')"
+                ", 'OUT.onnx') in Python"
+            )
     if card is None:
         embedded = facts.metadata.get(METADATA_KEY)
         if embedded is None:
@@ -336,21 +341,8 @@ def checksum(path: Path) -> tuple[int, str]:
     """Size and SHA-256 of a local model file, which may be larger than the memory."""
     with os_errors_as(ModelError, f"cannot read {path}"):
         size = regular_size(path)
-    if size > MAX_BYTES and path.suffix == _ONNX_SUFFIX:
-        raise ModelError(f"{path} is larger than a model can be; keep its weights in a second file")
-    with os_errors_as(ModelError, f"cannot read {path}"), path.open("rb") as file:
-        return size, hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def onnx_facts(path: Path, data: bytes | None = None) -> OnnxFacts:
-    """The facts of a complete ONNX file whose weights are all inside, from disk or its content."""
-    if data is not None:
-        return read_facts(data, str(path))
-    try:
-        with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as mapped:
-            return read_facts(mapped, str(path))
-    except ValueError:  # an empty file cannot be mapped
-        return read_facts(b"", str(path))
+        with path.open("rb") as file:
+            return size, hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def files_of_card(card: Path) -> list[str]:
@@ -378,19 +370,6 @@ def read_limited(path: Path, max_bytes: int = _MAX_CARD_BYTES) -> bytes:
     """Content of a local or remote file, by default of a card."""
     with os_errors_as(ModelError, f"cannot read {path}"):
         return read_regular(path, max_bytes)
-
-
-def check_external(facts: OnnxFacts, names: Collection[str], path: Path) -> None:
-    """Check that an ONNX file has no weights in other files than these, whose checksums are known.
-
-    ModelError otherwise.
-    """
-    if not facts.external <= set(names):
-        raise ModelError(
-            f"{path} keeps weights in a second file, which no checksum covers; 'depthcli models "
-            "add' completes its card, or save both as one, with onnx.save(onnx.load('IN.onnx'), "
-            "'OUT.onnx') in Python"
-        )
 
 
 def check_file(card: ModelCard | DataFile, path: Path, size: int, sha256: str) -> None:

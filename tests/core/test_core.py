@@ -61,7 +61,6 @@ def test_decoding_is_its_formula(transform: Transform) -> None:
         *((focal_px, None) for focal_px in (-400, 0, math.nan, math.inf)),
         *((None, hfov_deg) for hfov_deg in (180, -60, 0.09, 179.91)),
         (400, 60),
-        *((None, None, centre_px) for centre_px in ((math.nan, 3), (3, math.inf))),
     ],
 )
 def test_impossible_camera_is_refused(given: tuple[Any, ...]) -> None:
@@ -117,12 +116,6 @@ def test_invalid_image_is_refused_in_one_line(pixels: np.ndarray) -> None:
     with pytest.raises(InputError) as caught:
         Frame(pixels)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("aspect", [0.0, -1.0, math.nan, math.inf])
-def test_a_pixel_has_a_width_and_a_height(aspect: float) -> None:
-    with pytest.raises(InputError):
-        Frame(np.zeros((2, 2), np.uint8), pixel_aspect=aspect)
 
 
 @pytest.mark.parametrize(

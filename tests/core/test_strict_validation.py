@@ -98,9 +98,7 @@ def test_error_names_the_invalid_value(values: Any, message: str) -> None:
     assert "; " not in str(caught.value).removeprefix(message)  # of a list, the first is enough
 
 
-@pytest.mark.parametrize(
-    "text", ["", "{", "[" * 100_000, '{"a":' * 100_000, "9" * 5000, b"\xff", '{"a": 1, "a": 2}']
-)
+@pytest.mark.parametrize("text", ["", "{", "[" * 100_000, '{"a":' * 100_000, "9" * 5000, b"\xff"])
 def test_text_that_is_not_json_is_refused(text: str | bytes) -> None:
     with pytest.raises(FieldError) as caught:
         parsed_json(text)

@@ -14,7 +14,7 @@ from onnx import external_data_helper
 from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError
 from depthcli.io.storage.atomic import workspace
 from depthcli.jobs.models import add_model, remove_model, verify_models
-from depthcli.models.catalog import find_model, read_facts
+from depthcli.models.catalog import find_model, onnx_facts
 
 
 @pytest.fixture
@@ -314,6 +314,6 @@ def test_opset_and_ir_are_read_from_the_bytes() -> None:
     proto = onnx.load_from_string(tiny_onnx())
     proto.opset_import.append(onnx.helper.make_opsetid("com.microsoft", 1))
     proto.ir_version = 300  # two bytes
-    assert read_facts(proto.SerializeToString(), "x")[:2] == (17, 300)
+    assert onnx_facts(Path("x"), proto.SerializeToString())[:2] == (17, 300)
     with pytest.raises(ModelError):
-        read_facts(b"", "x")
+        onnx_facts(Path("x"), b"")

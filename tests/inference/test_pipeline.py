@@ -350,3 +350,9 @@ def test_points_without_depth_do_not_count() -> None:
 def test_nothing_with_depth_is_no_error() -> None:
     _, view_deg = depth_of_points(points(8, 6, 60), np.zeros((6, 8), bool))
     assert np.isfinite(view_deg)
+
+
+@pytest.mark.parametrize("aspect", [0.0, -1.0, math.nan, math.inf])
+def test_a_pixel_has_a_width_and_a_height(kinect: Pipeline, aspect: float) -> None:
+    with pytest.raises((UsageError, ZeroDivisionError)):
+        kinect.predict(gray(51, pixel_aspect=aspect))

@@ -16,7 +16,7 @@ from depthcli.errors import InputError, OutputError
 from depthcli.inference.loading import SessionLoader
 from depthcli.jobs.video.plan import VideoResult, VideoSettings
 from depthcli.jobs.video.run import video
-from depthcli.known import frames as known_depth
+from depthcli.known import sources as known_depth
 from depthcli.known.files import KnownDepthFiles
 from depthcli.video.formats import VideoFormat
 from depthcli.video.frames import Point, Span

@@ -12,8 +12,7 @@ from depthcli.core.options import DepthFit
 from depthcli.core.types import DepthKind, DepthMap
 from depthcli.errors import InputError, UsageError
 from depthcli.known import local_correction
-from depthcli.known.fit import fit_known_depth, fitted
-from depthcli.known.points import KnownDepth
+from depthcli.known.points import KnownDepth, fit_known_depth, fitted
 
 RANDOM = np.random.default_rng(3)
 

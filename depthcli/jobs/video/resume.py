@@ -18,7 +18,7 @@ from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.table import READABLE
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.video.plan import VideoPlan
-from depthcli.known.frames import KnownDepthOfFrames
+from depthcli.known.sources import KnownDepthOfFrames
 from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frames import FrameSource
 from depthcli.video.numbering import base_name, numbered_name

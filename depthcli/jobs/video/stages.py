@@ -31,7 +31,7 @@ from depthcli.io.stored.metadata import dequantized, quantized
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
 from depthcli.jobs.video.resume import FrameJournal, open_journal, rounding_scale
-from depthcli.known.frames import KnownDepthOfFrames
+from depthcli.known.sources import KnownDepthOfFrames
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import LiveStream
 from depthcli.video.formats import SEQUENCES, VideoFormat
