@@ -20,11 +20,6 @@ _ACCELERATED = ("cuda", "tensorrt", "rocm", "migraphx", "directml", "coreml", "o
 PROVIDERS = ("auto", "cpu", *_ACCELERATED)
 
 
-def providers() -> list[str]:
-    """Words that complete ``--provider``, of which typer takes those that begin as typed."""
-    return [*PROVIDERS]
-
-
 def cards() -> list[str]:
     """Names of ready cards."""
     from depthcli.models.catalog import ready_names
@@ -73,7 +68,7 @@ class RuntimeOptions:
         "or openvino. One that is requested by name must be available.",
         default="auto",
         metavar="NAME",
-        autocompletion=providers,
+        autocompletion=lambda: PROVIDERS,  # of which typer takes those that begin as typed
     )
     provider_option: list[str] | None = option(
         "Option of the provider given with --provider, such as device_id=1; repeatable.",

@@ -32,7 +32,6 @@ ALTERNATIVES = (
     ("anchor", "anchors"),
     ("png_scale", "png_normalize", "png_inverse"),
 )  #: parameters of which only one is given, because they state the same
-_LARGEST_PX = 20_000
 _BOX_COMMAS = 3
 
 
@@ -66,9 +65,6 @@ def writer_options(options: groups.WritingOptions) -> WriterOptions:
         for field in fields(group)
     }
     _refuse_alternatives(values)
-    low, high = options.range.vmin, options.range.vmax
-    if low is not None and high is not None and low >= high:
-        raise UsageError(f"{low:g} is not below {high:g}", "give {vmin} below {vmax}")
     return WriterOptions(**values)
 
 
@@ -151,7 +147,7 @@ def known_depth(
     path = options.anchors
     _refuse_alternatives({"anchor": options.anchor, "anchors": path})
     if path is None:
-        return _listed_points(options)
+        return tuple(map(_point, options.anchor or ()))
     from depthcli.known.files import SELF, KnownDepthFiles
 
     files = KnownDepthFiles(
@@ -163,8 +159,6 @@ def known_depth(
         path_of(options.extrinsics) if options.extrinsics else None,
     )
     place = path_of(path)
-    if options.extrinsics and not files.may_be_clouds:
-        raise UsageError("", "{extrinsics} is for clouds: leave it out, or name one in {anchors}")
     is_stated = path == SELF or files.topic is not None
     if is_stated and (files.scale or files.kind):
         raise UsageError("", "{anchors_scale} and {anchors_kind} are for files in {anchors}")
@@ -241,15 +235,6 @@ def area(word: str) -> tuple[int, ...] | str:
     return tuple(map(int, numbers(word, *form, _are_indices)))
 
 
-def _listed_points(options: groups.KnownDepthOptions) -> tuple[Anchor, ...]:
-    for name in ("anchors_scale", "anchors_kind", "baseline", "extrinsics"):
-        if getattr(options, name) is not None:
-            raise UsageError("", f"{{{name}}} is for {{anchors}}: give both or neither")
-    if getattr(options, "anchors_fit", None) and not options.anchor:
-        raise UsageError("", "{anchors_fit} is for {anchors} and {anchor}: give one of them")
-    return tuple(map(_point, options.anchor or ()))
-
-
 def _point(word: str) -> Anchor:
     def holds(x: float, y: float, depth_m: float) -> bool:
         return _are_indices(x, y) and bool(DEPTH_M.holds(depth_m))
@@ -259,13 +244,11 @@ def _point(word: str) -> Anchor:
 
 
 def size(word: str, option: str = "size") -> tuple[int, int]:
-    """Parse a width and height such as ``640x480``; UsageError if it is no such, or too large."""
-    sides = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", word)
-    width, height = map(int, sides.groups()) if sides else (0, 0)
-    if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX):
-        problem = f"{short_repr(word)} is not WIDTHxHEIGHT of 1 to {_LARGEST_PX} pixels each"
-        raise UsageError(problem, option=option)
-    return width, height
+    """Parse a width and height such as ``640x480``; UsageError if it is no such."""
+    sides = re.fullmatch(r"([1-9][0-9]{0,4})x([1-9][0-9]{0,4})", word)
+    if sides is None:
+        raise UsageError(f"{short_repr(word)} is not WIDTHxHEIGHT in pixels", option=option)
+    return int(sides[1]), int(sides[2])
 
 
 def fps(word: str, option: str = "fps") -> Fraction:

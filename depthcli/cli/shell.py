@@ -79,10 +79,6 @@ def run(arguments: Sequence[str]) -> int:
         result = get_command(app)(
             args=list(arguments), prog_name=table.PROGRAM, standalone_mode=False
         )
-    except KeyboardInterrupt:
-        return ExitCode.INTERRUPTED
-    except BrokenPipeError:
-        raise
     except SystemExit as stop:  # shell completion, a closed pipe, a signal
         return stop.code if isinstance(stop.code, int) else ExitCode.OK
     except Exception as error:  # noqa: BLE001 - any error is printed as one line

@@ -198,7 +198,7 @@ def test_an_image_that_the_network_fails_on_stops_no_other(inside: Cli) -> None:
         ("--png-scale", "-1"),
         ("--png-scale", "5000", "--png-normalize"),
         ("--vmin", "inf"),
-        ("--vmin", "2", "--vmax", "2"),
+        ("--vmin", "3", "--vmax", "2"),
         *(
             ("--anchor", word)
             for word in ("1,2", "1,2,0", "-1,2,3", "a,b,c", "1,2,3,4", "1.5,2,3", "1,2,nan")

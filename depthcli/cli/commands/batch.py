@@ -275,7 +275,6 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
     from depthcli.io import listing
     from depthcli.io.archives import holds_images
     from depthcli.io.manifest import WHOLE, Shard
-    from depthcli.io.media import is_archive
     from depthcli.jobs.batch.plan import plan_files, plan_folder
 
     files, column = inputs.files, inputs.column
@@ -287,16 +286,10 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
     if archive is not None:
         root = str(path_of(archive).parent)
         return plan_files([archive], archive, root, out, names_filter, shard, cameras)
-    for_tables = UsageError("", "{column} is for a Parquet or CSV file: name it with {files}")
-    if column is not None and (files == _STDIO or (files is None and folder is None)):
-        raise for_tables
     if files is None and folder is None:
         raise UsageError("", "name a folder, or give a list with {files}")
     if files is None:
-        plan = plan_folder(folder or "", out, names_filter, shard, cameras)
-        if column is not None and not any(is_archive(file.name) for file in plan.inputs):
-            raise for_tables
-        return plan
+        return plan_folder(folder or "", out, names_filter, shard, cameras)
     with os_errors_as(UsageError, "cannot read the list from standard input"):
         stdin = sys.stdin.buffer.read() if files == _STDIO else b""
     words = listing.parse_list(stdin) if files == _STDIO else listing.read_list(files, column)

@@ -327,7 +327,7 @@ def doctor(
     provider: str = typer.Option(
         "auto",
         metavar="NAME",
-        autocompletion=options.providers,
+        autocompletion=lambda: options.PROVIDERS,
         help="Execution provider to check.",
     ),
     as_json: JsonOption = False,

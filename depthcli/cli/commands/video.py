@@ -258,8 +258,6 @@ def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     step = _point(every or "1", "every", bare_is_frames=True)
     if not step.value:
         raise UsageError("0 is not a step", "give 1 or more", option="every")
-    if last and first.in_frames == last.in_frames and last.value <= first.value:
-        raise UsageError(f"{end} is not after {start or 0}; the span is empty", option="end")
     return Span(first, last, step)
 
 

@@ -127,10 +127,6 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         out((" " * _GAP).join(cells).rstrip())
 
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-
 _LINE_EVERY_S = 10.0
 _BAR_EVERY_S = 0.2
 _JSON_EVERY_S = 0.5
