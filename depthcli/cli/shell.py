@@ -1,13 +1,22 @@
-"""The command group, which imports a command when it is called, and the exit codes."""
+"""The command group, which imports a command when it is called; exit codes and signals.
+
+An exception from a signal handler could be raised anywhere: within an import, a library's callback
+or clean-up code. So a signal removes temporary files and ends the process at once, except in
+commands that shut down gracefully.
+"""
 
 from __future__ import annotations
 
 import os
 import re
+import select
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any, NoReturn
 
 import typer
 from typer.core import TyperGroup, TyperOption
@@ -18,7 +27,9 @@ from depthcli.cli import table
 from depthcli.cli.groups import USUAL
 from depthcli.cli.screen import console
 from depthcli.core.options import suggestion
-from depthcli.errors import DepthcliError, ExitCode, UsageError, is_out_of_memory
+from depthcli.core.parallel import Interrupt, run_exit_hooks
+from depthcli.errors import SIGNAL_BASE, DepthcliError, ExitCode, UsageError, is_out_of_memory
+from depthcli.io.storage.temporary import remove_own
 
 _EXTRAS = {
     "train": "torch lightning_fabric lightning_utilities onnx onnxscript h5py timm",
@@ -213,3 +224,85 @@ def _apply_profile(ctx: Any, _parameter: Any, name: str | None) -> None:  # noqa
         from depthcli.cli.profiles import apply
 
         apply(ctx, name)
+
+
+_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
+
+_GRACE_PERIOD_S = 0.5
+_shutdowns: list[tuple[float, Callable[[], object]]] = []
+"""Grace period and callback of each :func:`graceful_shutdown` block; the innermost last."""
+
+
+def ending_signals() -> tuple[signal.Signals, ...]:
+    """The signals that end this process; not those that are ignored, as under nohup."""
+    numbers = (getattr(signal, name) for name in _NAMES if hasattr(signal, name))
+    return tuple(number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN)
+
+
+def end_on_signals() -> None:
+    """Make these signals end the process, also while its main thread runs native code."""
+    read_end, write_end = os.pipe()
+    if sys.platform != "win32":
+        os.set_blocking(write_end, False)
+    for number in ending_signals():
+        signal.signal(number, _end)
+    signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
+    threading.Thread(target=_watch, args=(read_end,), daemon=True).start()
+
+
+class StopOnSignal(Interrupt):
+    """A :class:`depthcli.core.parallel.Progress` that ends the work after a signal."""
+
+    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[float], None]:
+        """A stage that checks for a signal after each unit."""
+        del what, total, unit
+        return lambda _count: self.check()
+
+    def check(self) -> None:
+        """Raise SystemExit if a signal came."""
+        if self.number is not None:
+            raise SystemExit(SIGNAL_BASE + self.number)
+
+
+@contextmanager
+def graceful_shutdown(
+    grace_period_s: float, on_signal: Callable[[], object]
+) -> Iterator[StopOnSignal]:
+    """Record a signal within the block, which has to end then; a second one ends the process.
+
+    The signal calls ``on_signal`` in another thread.
+    """
+    with StopOnSignal(*ending_signals()) as stop:
+        _shutdowns.append((grace_period_s, on_signal))
+        try:
+            yield stop
+        finally:
+            _shutdowns.pop()
+
+
+def _watch(read_end: int) -> None:
+    """End the process on a signal if the main thread does not do so in time."""
+    while True:
+        (number,) = os.read(read_end, 1)
+        if signal.getsignal(number) is _end:
+            grace_period_s = _GRACE_PERIOD_S
+        elif _shutdowns:
+            grace_period_s, on_signal = _shutdowns[-1]
+            on_signal()
+        else:
+            continue
+        select.select([read_end], (), (), grace_period_s)
+        _clean_up()
+        os._exit(SIGNAL_BASE + number)
+
+
+def _end(number: int, _frame: object) -> NoReturn:
+    _clean_up()
+    with suppress(Exception):  # the stream is closed, or was interrupted while writing
+        sys.stdout.flush()
+    os._exit(SIGNAL_BASE + number)
+
+
+def _clean_up() -> None:
+    run_exit_hooks()
+    remove_own()

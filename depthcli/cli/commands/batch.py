@@ -178,8 +178,8 @@ def batch(
     here = replace(loader, provider="cpu", provider_options={})
     loading = (here if is_ray else loader).start()
     # Imported while the model loads.
-    from depthcli.cli.process import graceful_shutdown
     from depthcli.cli.screen import results
+    from depthcli.cli.shell import graceful_shutdown
     from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
     from depthcli.jobs.batch.tasks import BatchOptions
 
@@ -215,8 +215,7 @@ def batch(
         session.stop()
         stopped.set()
 
-    with graceful_shutdown(_GRACE_PERIOD_S, on_signal) as interrupt:
-        stop = results.StopOnSignal(interrupt)
+    with graceful_shutdown(_GRACE_PERIOD_S, on_signal) as stop:
         with closing(_cluster(engine, stop)) if is_ray else nullcontext() as cluster:
             for each in chain([plan], changed(stopped)):
                 job = Batch(replace(request, plan=each), session, cluster, progress=stop)

@@ -174,8 +174,8 @@ def video(
     Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
     """
     from depthcli.cli import parse
-    from depthcli.cli.process import graceful_shutdown
     from depthcli.cli.screen import console
+    from depthcli.cli.shell import graceful_shutdown
     from depthcli.io.storage.paths import safe_name
     from depthcli.jobs.image import FailedInput
     from depthcli.jobs.outputs import STDIO
