@@ -113,18 +113,14 @@ def _explain(error: Exception) -> tuple[str, int]:
         return _usage_text(error), ExitCode.USAGE
     if is_out_of_memory(error):
         return "out of memory; give fewer or smaller inputs", ExitCode.FAILURE
-    return _unexpected(error), ExitCode.FAILURE
-
-
-def _unexpected(error: Exception) -> str:
-    """Message of an error that is not depthcli's own, or how to install what it needs."""
+    message = f"unexpected {type(error).__name__}: {error}; run again with --debug for details"
     if isinstance(error, ModuleNotFoundError):
         module = (error.name or "").partition(".")[0]
         for extra in (extra for extra, modules in _EXTRAS.items() if module in modules.split()):
-            return f"this needs {module}; install it with: pip install 'depthcli[{extra}]'"
-    if isinstance(error, OSError) and error.strerror:
-        return ": ".join(str(part) for part in (error.filename, error.strerror) if part)
-    return f"unexpected {type(error).__name__}: {error}; run again with --debug for details"
+            message = f"this needs {module}; install it with: pip install 'depthcli[{extra}]'"
+    elif isinstance(error, OSError) and error.strerror:
+        message = ": ".join(str(part) for part in (error.filename, error.strerror) if part)
+    return message, ExitCode.FAILURE
 
 
 def _usage_text(error: Any) -> str:  # noqa: ANN401 - typer's own types
@@ -214,16 +210,16 @@ def _refuse_uris(_ctx: Any, parameter: Any, value: Any) -> Any:  # noqa: ANN401 
 
 
 def _profiles(_context: Any, _words: Any, _word: str) -> list[str]:  # noqa: ANN401 - typer's own
-    from depthcli.cli.profiles import profile_names
+    from depthcli.cli.parse import profile_names
 
     return [*profile_names()]
 
 
 def _apply_profile(ctx: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own
     if name is not None and not ctx.resilient_parsing:
-        from depthcli.cli.profiles import apply
+        from depthcli.cli.parse import apply_profile
 
-        apply(ctx, name)
+        apply_profile(ctx, name)
 
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP

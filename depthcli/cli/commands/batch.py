@@ -16,9 +16,9 @@ from depthcli.cli.groups import Given, group
 from depthcli.cli.screen import console
 from depthcli.core.options import GPU_BATCH, SceneLayout, one_line
 from depthcli.core.parallel import share_cores
-from depthcli.errors import ExitCode, UsageError, os_errors_as
+from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format
-from depthcli.io.listing import NameFilter
+from depthcli.io.listing import NameFilter, parse_list, read_list
 from depthcli.io.storage.paths import RemotePath, path_of
 
 if TYPE_CHECKING:
@@ -38,10 +38,10 @@ class OutputOptions:
     """Output."""
 
     out: str = groups.usual(
-        "Output folder, required; keeps the folder structure of DIR.",
+        "Output folder; keeps the folder structure of DIR.",
         "-o",
         "--out",
-        default="",
+        default=...,
         metavar="OUT",
     )
     formats: list[Format] | None = groups.usual(
@@ -271,15 +271,12 @@ def _cluster(options: EngineOptions, progress: Progress) -> RayEngine:
 
 
 def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | None) -> BatchPlan:
-    from depthcli.io import listing
     from depthcli.io.archives import holds_images
     from depthcli.io.manifest import WHOLE, Shard
     from depthcli.jobs.batch.plan import plan_files, plan_folder
 
     files, column = inputs.files, inputs.column
     shard = WHOLE if inputs.shard is None else Shard.parse(inputs.shard)
-    if not out:
-        raise UsageError("", "name the folder for outputs with {out}")
     names_filter = NameFilter.of(inputs.include or (), inputs.exclude or ())
     archive = next((x for x in (folder, files) if x and holds_images(path_of(x), column)), None)
     if archive is not None:
@@ -289,9 +286,7 @@ def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | Non
         raise UsageError("", "name a folder, or give a list with {files}")
     if files is None:
         return plan_folder(folder or "", out, names_filter, shard, cameras)
-    with os_errors_as(UsageError, "cannot read the list from standard input"):
-        stdin = sys.stdin.buffer.read() if files == _STDIO else b""
-    words = listing.parse_list(stdin) if files == _STDIO else listing.read_list(files, column)
+    words = parse_list(sys.stdin.buffer.read()) if files == _STDIO else read_list(files, column)
     return plan_files(words, files, folder, out, names_filter, shard, cameras)
 
 

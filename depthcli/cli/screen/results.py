@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections import Counter
 from contextlib import closing
@@ -35,7 +36,7 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
 
     With ``--quiet``, only errors are printed.
     """
-    quiet, as_json, resumes, tally = screen.quiet, screen.as_json, True, batch.tally
+    quiet, as_json, tally = screen.quiet, screen.as_json, batch.tally
 
     def show(result: BatchResult) -> None:
         if as_json:
@@ -57,15 +58,12 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
     except (EngineError, ModelError):
         stop.check()  # the network or its process was stopped
         raise
-    except UsageError:
-        resumes = False
-        raise
     finally:
         for result in batch.late:
             show(result)
         _print_summary(batch, plan, screen)
         is_short = tally.completed < tally.total and not batch.stopped
-        if resumes and is_short and not quiet:
+        if is_short and not (quiet or isinstance(sys.exception(), UsageError)):
             console.note("stopped early; run the same command again to resume")
 
 
