@@ -131,7 +131,11 @@ def grouped(command: Callable[..., int]) -> Callable[..., int]:
 
 
 def _flattened(group: Any) -> Iterator[inspect.Parameter]:  # noqa: ANN401 - a dataclass
-    """A group's fields, and those of the groups within it, as parameters."""
+    """A group's fields, and those of the groups within it, or that it joins, as parameters."""
+    if len(group.__bases__) > 1:
+        for base in group.__bases__:
+            yield from _flattened(base)
+        return
     heading = str(group.__doc__).partition("\n")[0].rstrip(".")
     hints = get_type_hints(group, include_extras=True)
     for field in fields(group):

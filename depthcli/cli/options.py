@@ -313,19 +313,6 @@ class MapOptions(DetailOptions):
     )
 
 
-@group
-class WritingOptions:
-    """Options of the output formats."""
-
-    png: formats.PngOptions
-    exr: formats.ExrOptions
-    preview: formats.PreviewOptions
-    range: formats.RangeOptions
-    surface: formats.SurfaceOptions
-    ply: formats.PlyOptions
-    stereo: formats.StereoOptions
-
-
 QuietOption = Annotated[
     bool, typer.Option("-q", "--quiet", rich_help_panel=USUAL, help="Print errors only.")
 ]

@@ -65,20 +65,9 @@ def detail(options: groups.DetailOptions) -> UpsamplingOptions:
     return UpsamplingOptions(options.upsample, int(str(tile)), *more)
 
 
-def writer_options(options: groups.WritingOptions) -> WriterOptions:
-    """Options of the formats, by default theirs; UsageError if they contradict each other."""
-    values = {
-        field.name: getattr(group, field.name)
-        for group in (getattr(options, part.name) for part in fields(options))
-        for field in fields(group)
-    }
-    _refuse_alternatives(values)
-    return WriterOptions(**values)
-
-
 def camera(options: groups.PinholeOptions) -> Intrinsics:
     """The camera of the options."""
-    _refuse_alternatives({field.name: getattr(options, field.name) for field in fields(options)})
+    refuse_alternatives({field.name: getattr(options, field.name) for field in fields(options)})
     undistort = getattr(options, "undistort", False)  # not of files that hold depth
     if (options.rectified or undistort) and options.calibration is None:
         problem = "{undistort} is" if undistort else "{rectified} is"
@@ -153,7 +142,7 @@ def known_depth(
     whose frames have no depth of their own.
     """
     path = options.anchors
-    _refuse_alternatives({"anchor": options.anchor, "anchors": path})
+    refuse_alternatives({"anchor": options.anchor, "anchors": path})
     if path is None:
         return tuple(map(_point, options.anchor or ()))
     from depthcli.known.files import SELF, KnownDepthFiles
@@ -190,15 +179,16 @@ def map_options(
     fit: groups.FitOptions,
     read: groups.ImageOptions,
     upsampling: groups.MapOptions,
-    writing: groups.WritingOptions,
+    writing: WriterOptions,
     *,
     is_folder: bool | None = False,
     eye: choices.Eye | None = None,
 ) -> dict[str, Any]:
     """Values of the fields of :class:`~depthcli.jobs.outputs.MapOptions`."""
+    refuse_alternatives(vars(writing))
     seen_by = camera(camera_options)
     return {
-        "writing": writer_options(writing),
+        "writing": writing,
         "camera": seen_by,
         "anchors": known_depth(fit, seen_by, is_folder=is_folder),
         "anchors_fit": fit.anchors_fit,
@@ -208,7 +198,8 @@ def map_options(
     }
 
 
-def _refuse_alternatives(values: Mapping[str, object]) -> None:
+def refuse_alternatives(values: Mapping[str, object]) -> None:
+    """Raise UsageError if two parameters are given that state the same."""
     for names in ALTERNATIVES:
         chosen = [name for name in names if values.get(name) not in (None, False, [])]
         if len(chosen) > 1:

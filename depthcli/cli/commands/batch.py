@@ -17,7 +17,7 @@ from depthcli.cli.screen import console
 from depthcli.core.options import GPU_BATCH, SceneLayout, one_line
 from depthcli.core.parallel import share_cores
 from depthcli.errors import ExitCode, UsageError
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing import NameFilter, parse_list, read_list
 from depthcli.io.storage.paths import RemotePath, path_of
 
@@ -152,7 +152,7 @@ def batch(
     anchors: groups.FitOptions,
     read: groups.ImageOptions,
     detail: groups.MapOptions,
-    writing: groups.WritingOptions,
+    writing: WriterOptions,
     screen: groups.ScreenOptions,
     explicit: Given,
 ) -> int:

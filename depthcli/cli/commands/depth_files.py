@@ -83,7 +83,7 @@ def convert(
     workers: groups.WorkersOption = None,
     camera: groups.StatedCameraOptions,
     read: groups.ReadOptions,
-    writing: groups.WritingOptions,
+    writing: WriterOptions,
     screen: groups.ScreenOptions,
     explicit: Given,
 ) -> int:
@@ -110,12 +110,13 @@ def convert(
         raise UsageError("", "name the format of the outputs with {format}, for example exr")
     format_: Format | VideoFormat | None = as_video or (form if is_folder else None)
     format_ = format_ or job.target_of(output, form)[0]
-    if format_ is Format.PREVIEW and writing.preview.side_by_side != (inputs.image is not None):
+    if format_ is Format.PREVIEW and writing.side_by_side != (inputs.image is not None):
         raise UsageError("", "give both {side_by_side} and {image}, or neither")
-    seen_by, options = parse.camera(camera), parse.writer_options(writing)
+    parse.refuse_alternatives(vars(writing))
+    seen_by = parse.camera(camera)
     of_camera = _CAMERA if depth_file.from_kind in _OF_CAMERA else ()
     written = {name: word for name, word in explicit.items() if name not in of_camera}
-    unused = parse.unused_by_outputs(written, [format_], options, used_by=FORMAT_OPTIONS)
+    unused = parse.unused_by_outputs(written, [format_], writing, used_by=FORMAT_OPTIONS)
     screen.warn_all([*seen_by.warnings, *unused])
     count = share_cores(workers)[0]
     request = job.ConvertRequest(
@@ -126,7 +127,7 @@ def convert(
         camera=seen_by,
         reading=parse.reading(read),
         image=inputs.image,
-        writing=options,
+        writing=writing,
         overwrite=overwrite,
         fps=None if inputs.fps is None else parse.fps(inputs.fps),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
@@ -18,15 +18,6 @@ from depthcli.errors import DepthcliError, ExitCode
 
 if TYPE_CHECKING:
     from depthcli.models.card import ModelCard, WeightsSpec
-
-_Name = Annotated[
-    str,
-    typer.Argument(
-        metavar="[MODEL]",
-        autocompletion=lambda: [*options.models(), *options.cards()],
-        help="Model name, .onnx file, folder with a card.json, or name of a ready card.",
-    ),
-]
 
 
 def add_model_file(
@@ -275,7 +266,14 @@ def list_models(as_json: JsonOption = False) -> int:
     return code
 
 
-def show_model(model: _Name = "default") -> int:
+def show_model(
+    model: str = typer.Argument(
+        "default",
+        metavar="[MODEL]",
+        autocompletion=lambda: [*options.models(), *options.cards()],
+        help="Model name, .onnx file, folder with a card.json, or name of a ready card.",
+    ),
+) -> int:
     """Show a model's card, or a ready card, as JSON."""
     from depthcli.models.catalog import find_model, list_locations, ready_fields, ready_names
 

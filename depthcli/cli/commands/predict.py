@@ -12,7 +12,7 @@ from depthcli.cli.groups import Given, group
 from depthcli.cli.screen import console
 from depthcli.core.options import Eye, one_line
 from depthcli.errors import ExitCode, UsageError
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 
 
 @group
@@ -50,7 +50,7 @@ def predict(
         help="Image to use from a stereo camera's JPEG (MPO). Default: the first.",
     ),
     detail: options.MapOptions,
-    writing: options.WritingOptions,
+    writing: WriterOptions,
     screen: options.ScreenOptions,
     explicit: Given,
 ) -> int:

@@ -15,7 +15,7 @@ from depthcli.cli.groups import command_of, group
 from depthcli.cli.screen import console
 from depthcli.core.options import MAX_PIXELS, Eye
 from depthcli.errors import ExitCode, UsageError, os_errors_as
-from depthcli.io.formats.table import Format
+from depthcli.io.formats.table import Format, WriterOptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -142,7 +142,7 @@ def _options(
     anchors: options.FitOptions,
     read: options.ImageOptions,
     detail: options.MapOptions,
-    writing: options.WritingOptions,
+    writing: WriterOptions,
     eye: Eye | None = typer.Option(None, help="View of a JPEG with one for each eye."),
 ) -> Any:  # noqa: ANN401 - Asked
     """Options of a request."""

@@ -12,6 +12,7 @@ from depthcli.cli import options as groups
 from depthcli.cli.groups import Given, group
 from depthcli.core.options import Eye, short_repr
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
+from depthcli.io.formats.table import WriterOptions
 from depthcli.video.formats import PreviewCodec, VideoFormat
 
 if TYPE_CHECKING:
@@ -162,7 +163,7 @@ def video(
     anchors: FrameFitOptions,
     read: groups.ImageOptions,
     detail: SmoothOptions,
-    writing: groups.WritingOptions,
+    writing: WriterOptions,
     preview: PreviewVideoOptions,
     screen: groups.ScreenOptions,
     explicit: Given,
