@@ -27,7 +27,7 @@ from helpers.videos import encode, flat_frames
 from PIL import Image
 from pyarrow import parquet
 
-from depthcli.cli.profiles import read_profiles
+from depthcli.cli.parse import read_profiles
 from depthcli.core.types import AnchorFit, DepthKind, DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError
 from depthcli.inference.pipeline import try_session

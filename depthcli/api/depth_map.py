@@ -35,7 +35,7 @@ from depthcli.known.points import KnownDepth, fit_known_depth
 AnchorLike: TypeAlias = Anchor | tuple[int, int, float]
 Anchors: TypeAlias = Sequence[AnchorLike] | AnyArray | types.DepthMap
 CAMERA = ("focal_px", "hfov_deg", "centre_px")  #: options of all formats that have a camera
-_TABLE_RANK, _COLUMNS = 2, 3
+_RANK, _COLUMNS = 2, 3
 
 
 def warn_all(texts: Iterable[str], name: object = "") -> None:
@@ -300,9 +300,8 @@ class DepthMap(types.DepthMap):
             file = Path(str(getattr(path, "name", "an open file without a name")))
         name = format_of(file)
         if name is None:
-            raise UsageError(
-                f"{file} has no suffix that selects a format; use {', '.join(FILE_SUFFIXES)}"
-            )
+            known = ", ".join(FILE_SUFFIXES)
+            raise UsageError(f"{file} has no suffix that selects a format; use {known}")
         if not isinstance(path, (str, os.PathLike)):
             data, messages = self._encoded(name, options)
             path.write(data)
@@ -342,27 +341,24 @@ class DepthMap(types.DepthMap):
 
 def known_depth_of(anchors: Anchors, fit: str | None) -> KnownDepth:
     """The points of :meth:`DepthMap.fit_anchors`, and their fit; UsageError if there is none."""
-    how = None if fit is None else chosen(DepthFit, fit, "the fit")
-    return replace(_points(anchors), fit=how)
-
-
-def _points(anchors: Anchors) -> KnownDepth:
     if isinstance(anchors, types.DepthMap):
         if not anchors.is_metric:
             raise UsageError(f"known depth is in metres, and {anchors.kind} depth has none")
-        return KnownDepth.of_map(anchors.values)
-    if not isinstance(anchors, np.ndarray):
+        known = KnownDepth.of_map(anchors.values)
+    elif not isinstance(anchors, np.ndarray):
         try:
             table = np.array([(x, y, depth_m) for x, y, depth_m in anchors], float).reshape(-1, 3)
         except (TypeError, ValueError) as error:
             problem = f"anchors are (column, row, metres), not {short_repr(anchors)}"
             raise UsageError(problem) from error
-        return KnownDepth.of_table(table)
-    if anchors.ndim == _TABLE_RANK and anchors.shape[1] == _COLUMNS and anchors.dtype.kind in "fiu":
-        return KnownDepth.of_table(anchors)
-    if anchors.ndim == _TABLE_RANK and anchors.dtype.kind == "f":
-        return KnownDepth.of_map(anchors).doubted()
-    raise UsageError(
-        "an array of anchors is (N, 3) numbers of column, row, metres, or (H, W) float metres, not "
-        f"{anchors.shape} {anchors.dtype}"
-    )
+        known = KnownDepth.of_table(table)
+    elif anchors.shape[1:] == (_COLUMNS,) and anchors.dtype.kind in "fiu":
+        known = KnownDepth.of_table(anchors)
+    elif anchors.ndim == _RANK and anchors.dtype.kind == "f":
+        known = KnownDepth.of_map(anchors).doubted()
+    else:
+        raise UsageError(
+            "an array of anchors is (N, 3) numbers of column, row, metres, or (H, W) float metres, "
+            f"not {anchors.shape} {anchors.dtype}"
+        )
+    return replace(known, fit=None if fit is None else chosen(DepthFit, fit, "the fit"))

@@ -4,10 +4,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
 from depthcli.api.depth_map import DepthMap, warn_all
-from depthcli.core import types
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, Eye, ReadOptions, chosen
 from depthcli.core.types import Frame
@@ -26,7 +23,7 @@ class DepthVideo(depth_videos.DepthVideo):
 
     def __iter__(self) -> Iterator[DepthMap]:
         """Depth maps from the beginning, one in memory at a time."""
-        return map(_with_nan, super().__iter__())
+        return map(DepthMap.of, super().__iter__())
 
 
 class VideoSource(video_frames.VideoSource):
@@ -103,10 +100,4 @@ def read_depth(
         raise InputError(f"{path} is a video; depthcli.DepthVideo reads the maps in it")
     stored = read_stored_depth(path, options)
     warn_all(stored.warnings_with_scale("png_scale"))
-    return _with_nan(stored.displayed)
-
-
-def _with_nan(depth: types.DepthMap) -> DepthMap:
-    """The map with NaN where there is no depth; files also have infinity, and 0 m or less."""
-    values = np.where(depth.valid, depth.values, np.float32(np.nan))
-    return DepthMap(values, depth.kind, depth.provenance, depth.error)
+    return DepthMap.of(stored.displayed)

@@ -209,16 +209,14 @@ class DepthModel:
 
         def predicted(batch: list[_Task]) -> list[_Displayed | Exception]:
             tasks, problem = list[ImageTask](), list[Exception]()
-            for image, of_image in batch:
-                if isinstance(image, Exception):
-                    problem.append(image)
-                    break
-                try:
+            try:
+                for image, of_image in batch:
+                    if isinstance(image, Exception):
+                        raise image  # noqa: TRY301 - ended as by one that cannot be read
                     frame = image if isinstance(image, Frame) else frame_of(image, white_level)
                     tasks.append(ImageTask(frame, camera, of_image))
-                except Exception as error:  # noqa: BLE001 - raised at its position
-                    problem.append(error)
-                    break
+            except Exception as error:  # noqa: BLE001 - raised at its position
+                problem.append(error)
             results = zip(self._job.run_many(tasks), tasks, strict=True)
             maps = (
                 done if isinstance(done, Exception) else _displayed(done, task.frame)

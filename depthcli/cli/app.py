@@ -71,11 +71,10 @@ def _run(arguments: list[str], *, is_process: bool = False) -> int:
         else:
             if is_process:
                 _prepare()
-                from depthcli.cli.process import end_on_signals
+            from depthcli.cli.shell import end_on_signals, run
 
+            if is_process:
                 end_on_signals()
-            from depthcli.cli.shell import run
-
             code = run(arguments)
         sys.stdout.flush()
     except BrokenPipeError:  # the reader has exited: stop silently, as other filters do

@@ -1,4 +1,8 @@
-"""Values of options as the objects that the jobs take; UsageError for one that is not valid."""
+"""Values of options as the objects that the jobs take; UsageError for one that is not valid.
+
+Profiles are tables of a TOML file whose options are defaults of a command: of ``depthcli.toml`` in
+the working directory, then of the same file in the user's configuration folder.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +10,20 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from depthcli.cli import options as groups
+from depthcli.cli.groups import Given
+from depthcli.cli.table import PROFILE_COMMANDS, PROGRAM, plain_command
 from depthcli.core import options as choices
 from depthcli.core.camera import DEPTH_M, UNKNOWN_CAMERA, Anchor, Intrinsics
-from depthcli.core.options import ReadOptions, UpsamplingOptions, short_repr
+from depthcli.core.options import ReadOptions, UpsamplingOptions, short_repr, suggestion
 from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
-from depthcli.io.formats.table import FORMATS, Format, WriterOptions
-from depthcli.io.storage.paths import RemotePath, path_of, safe_name
+from depthcli.io.formats.table import FORMATS, Format, WriterOptions, format_of
+from depthcli.io.storage.paths import RemotePath, path_of, read_regular, safe_name, user_folder
+from depthcli.video.formats import VideoFormat, video_format_of
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -32,7 +40,6 @@ ALTERNATIVES = (
     ("anchor", "anchors"),
     ("png_scale", "png_normalize", "png_inverse"),
 )  #: parameters of which only one is given, because they state the same
-_LARGEST_PX = 20_000
 _BOX_COMMAS = 3
 
 
@@ -137,7 +144,7 @@ def known_depth(
     path = options.anchors
     refuse_alternatives({"anchor": options.anchor, "anchors": path})
     if path is None:
-        return _listed_points(options)
+        return tuple(map(_point, options.anchor or ()))
     from depthcli.known.files import SELF, KnownDepthFiles
 
     files = KnownDepthFiles(
@@ -149,8 +156,6 @@ def known_depth(
         path_of(options.extrinsics) if options.extrinsics else None,
     )
     place = path_of(path)
-    if options.extrinsics and not files.may_be_clouds:
-        raise UsageError("", "{extrinsics} is for clouds: leave it out, or name one in {anchors}")
     is_stated = path == SELF or files.topic is not None
     if is_stated and (files.scale or files.kind):
         raise UsageError("", "{anchors_scale} and {anchors_kind} are for files in {anchors}")
@@ -229,15 +234,6 @@ def area(word: str) -> tuple[int, ...] | str:
     return tuple(map(int, numbers(word, *form, _are_indices)))
 
 
-def _listed_points(options: groups.KnownDepthOptions) -> tuple[Anchor, ...]:
-    for name in ("anchors_scale", "anchors_kind", "baseline", "extrinsics"):
-        if getattr(options, name) is not None:
-            raise UsageError("", f"{{{name}}} is for {{anchors}}: give both or neither")
-    if getattr(options, "anchors_fit", None) and not options.anchor:
-        raise UsageError("", "{anchors_fit} is for {anchors} and {anchor}: give one of them")
-    return tuple(map(_point, options.anchor or ()))
-
-
 def _point(word: str) -> Anchor:
     def holds(x: float, y: float, depth_m: float) -> bool:
         return _are_indices(x, y) and bool(DEPTH_M.holds(depth_m))
@@ -247,13 +243,11 @@ def _point(word: str) -> Anchor:
 
 
 def size(word: str, option: str = "size") -> tuple[int, int]:
-    """Parse a width and height such as ``640x480``; UsageError if it is no such, or too large."""
-    sides = re.fullmatch(r"([0-9]{1,9})x([0-9]{1,9})", word)
-    width, height = map(int, sides.groups()) if sides else (0, 0)
-    if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX):
-        problem = f"{short_repr(word)} is not WIDTHxHEIGHT of 1 to {_LARGEST_PX} pixels each"
-        raise UsageError(problem, option=option)
-    return width, height
+    """Parse a width and height such as ``640x480``; UsageError if it is no such."""
+    sides = re.fullmatch(r"([1-9][0-9]{0,4})x([1-9][0-9]{0,4})", word)
+    if sides is None:
+        raise UsageError(f"{short_repr(word)} is not WIDTHxHEIGHT in pixels", option=option)
+    return int(sides[1]), int(sides[2])
 
 
 def fps(word: str, option: str = "fps") -> Fraction:
@@ -292,3 +286,88 @@ def unused_by_outputs(
         if users and kinds.isdisjoint(users):
             warnings.append(f"{word} has no effect: it is for {', '.join(users)}")
     return warnings
+
+
+_PROFILES = "depthcli.toml"
+_MAX_PROFILE_BYTES = 2**20
+_NOT_IN_PROFILES = frozenset({"help", "debug", "profile", "out"})
+
+
+def profile_files() -> tuple[Path, ...]:
+    """The files that may hold profiles; the first one that holds a name decides."""
+    return Path(_PROFILES), user_folder("config") / _PROFILES
+
+
+def read_profiles(path: Path) -> dict[str, dict[str, Any]]:
+    """The profiles of a file by name; none if there is no such file."""
+    import tomllib
+
+    try:
+        return tomllib.loads(read_regular(path, _MAX_PROFILE_BYTES).decode("utf-8-sig"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, RecursionError) as error:
+        raise UsageError(f"{path} is not TOML: {error}") from error
+
+
+def profile_names() -> tuple[str, ...]:
+    """Names of all profiles, sorted."""
+    return tuple(sorted({name for path in profile_files() for name in read_profiles(path)}))
+
+
+def apply_profile(context: Any, name: str) -> None:  # noqa: ANN401 - typer's own
+    """Set a profile's options as the defaults of the current command."""
+    tables = (read_profiles(path).get(name) for path in profile_files())
+    values = next((table for table in tables if table is not None), None)
+    if values is None:
+        there = ", ".join(profile_names()) or f"none in {' and '.join(map(str, profile_files()))}"
+        raise UsageError(f"no profile named {name!r}; there are: {there}")
+    parameters, defaults = _options_of(context.command), {}
+    for key, value in values.items():
+        if key in parameters:
+            listed = value if isinstance(value, list) or not parameters[key].multiple else [value]
+            if parameters[key].name == "formats":  # without those of other commands
+                of_any, of_own = {*Format, *VideoFormat}, parameters[key].type.choices
+                listed = [word for word in listed if word in of_own or word not in of_any] or None
+            defaults[str(parameters[key].name)] = listed
+            continue
+        names = {key for name in PROFILE_COMMANDS for key in _options_of(plain_command(name))}
+        if key not in names:
+            hint = suggestion(key, names, f"see '{PROGRAM} {context.info_name} --help'")
+            raise UsageError(f"profile {name!r}: no option named {key!r}", hint)
+    context.default_map = _Defaults(context, defaults)
+
+
+class _Defaults(dict[str, Any]):
+    """Defaults by parameter name, left out where the command line gives an alternative.
+
+    Options on the command line are processed first, so they are known when a default is looked up.
+    """
+
+    def __init__(self, context: Any, values: dict[str, Any]) -> None:  # noqa: ANN401 - typer's own
+        super().__init__(values)
+        self._context = context
+
+    def get(self, name: str, default: Any = None) -> Any:  # noqa: ANN401 - as dict has it
+        """The default of a parameter that is not on the command line."""
+        explicit = Given.of(self._context)
+        others = {other for names in _EXCLUDING if name in names for other in names} - {name}
+        if name == "formats" and "out" in explicit:  # whose name may select the format
+            out = str(self._context.params.get("out"))
+            others |= {"out"} if format_of(out) or video_format_of(out) else set()
+        return super().get(name, default) if others.isdisjoint(explicit) else default
+
+
+_EXCLUDING = (
+    *ALTERNATIVES,
+    ("rectified", "cameras", "focal_px", "hfov", "focal_35mm"),
+    ("rectified", "centre_px"),
+    ("colormap", "near"),
+)  #: parameters of which one on the command line overrides the others of a profile
+
+
+def _options_of(command: Any) -> dict[str, Any]:  # noqa: ANN401 - typer's own types
+    """A command's options that a profile may hold, by name without leading dashes."""
+    options = [p for p in command.params if p.param_type_name == "option"]
+    named = {max(p.opts, key=len).removeprefix("--"): p for p in options}
+    return {name: p for name, p in named.items() if name not in _NOT_IN_PROFILES}

@@ -1,13 +1,22 @@
-"""The command group, which imports a command when it is called, and the exit codes."""
+"""The command group, which imports a command when it is called; exit codes and signals.
+
+An exception from a signal handler could be raised anywhere: within an import, a library's callback
+or clean-up code. So a signal removes temporary files and ends the process at once, except in
+commands that shut down gracefully.
+"""
 
 from __future__ import annotations
 
 import os
 import re
+import select
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any, NoReturn
 
 import typer
 from typer.core import TyperGroup, TyperOption
@@ -18,7 +27,9 @@ from depthcli.cli import table
 from depthcli.cli.groups import USUAL
 from depthcli.cli.screen import console
 from depthcli.core.options import suggestion
-from depthcli.errors import DepthcliError, ExitCode, UsageError, is_out_of_memory
+from depthcli.core.parallel import Interrupt, run_exit_hooks
+from depthcli.errors import SIGNAL_BASE, DepthcliError, ExitCode, UsageError, is_out_of_memory
+from depthcli.io.storage.temporary import remove_own
 
 _EXTRAS = {
     "train": "torch lightning_fabric lightning_utilities onnx onnxscript h5py timm",
@@ -79,10 +90,6 @@ def run(arguments: Sequence[str]) -> int:
         result = get_command(app)(
             args=list(arguments), prog_name=table.PROGRAM, standalone_mode=False
         )
-    except KeyboardInterrupt:
-        return ExitCode.INTERRUPTED
-    except BrokenPipeError:
-        raise
     except SystemExit as stop:  # shell completion, a closed pipe, a signal
         return stop.code if isinstance(stop.code, int) else ExitCode.OK
     except Exception as error:  # noqa: BLE001 - any error is printed as one line
@@ -106,18 +113,14 @@ def _explain(error: Exception) -> tuple[str, int]:
         return _usage_text(error), ExitCode.USAGE
     if is_out_of_memory(error):
         return "out of memory; give fewer or smaller inputs", ExitCode.FAILURE
-    return _unexpected(error), ExitCode.FAILURE
-
-
-def _unexpected(error: Exception) -> str:
-    """Message of an error that is not depthcli's own, or how to install what it needs."""
+    message = f"unexpected {type(error).__name__}: {error}; run again with --debug for details"
     if isinstance(error, ModuleNotFoundError):
         module = (error.name or "").partition(".")[0]
         for extra in (extra for extra, modules in _EXTRAS.items() if module in modules.split()):
-            return f"this needs {module}; install it with: pip install 'depthcli[{extra}]'"
-    if isinstance(error, OSError) and error.strerror:
-        return ": ".join(str(part) for part in (error.filename, error.strerror) if part)
-    return f"unexpected {type(error).__name__}: {error}; run again with --debug for details"
+            message = f"this needs {module}; install it with: pip install 'depthcli[{extra}]'"
+    elif isinstance(error, OSError) and error.strerror:
+        message = ": ".join(str(part) for part in (error.filename, error.strerror) if part)
+    return message, ExitCode.FAILURE
 
 
 def _usage_text(error: Any) -> str:  # noqa: ANN401 - typer's own types
@@ -207,13 +210,95 @@ def _refuse_uris(_ctx: Any, parameter: Any, value: Any) -> Any:  # noqa: ANN401 
 
 
 def _profiles(_context: Any, _words: Any, _word: str) -> list[str]:  # noqa: ANN401 - typer's own
-    from depthcli.cli.profiles import profile_names
+    from depthcli.cli.parse import profile_names
 
     return [*profile_names()]
 
 
 def _apply_profile(ctx: Any, _parameter: Any, name: str | None) -> None:  # noqa: ANN401 - typer's own
     if name is not None and not ctx.resilient_parsing:
-        from depthcli.cli.profiles import apply
+        from depthcli.cli.parse import apply_profile
 
-        apply(ctx, name)
+        apply_profile(ctx, name)
+
+
+_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
+
+_GRACE_PERIOD_S = 0.5
+_shutdowns: list[tuple[float, Callable[[], object]]] = []
+"""Grace period and callback of each :func:`graceful_shutdown` block; the innermost last."""
+
+
+def ending_signals() -> tuple[signal.Signals, ...]:
+    """The signals that end this process; not those that are ignored, as under nohup."""
+    numbers = (getattr(signal, name) for name in _NAMES if hasattr(signal, name))
+    return tuple(number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN)
+
+
+def end_on_signals() -> None:
+    """Make these signals end the process, also while its main thread runs native code."""
+    read_end, write_end = os.pipe()
+    if sys.platform != "win32":
+        os.set_blocking(write_end, False)
+    for number in ending_signals():
+        signal.signal(number, _end)
+    signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
+    threading.Thread(target=_watch, args=(read_end,), daemon=True).start()
+
+
+class StopOnSignal(Interrupt):
+    """A :class:`depthcli.core.parallel.Progress` that ends the work after a signal."""
+
+    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[float], None]:
+        """A stage that checks for a signal after each unit."""
+        del what, total, unit
+        return lambda _count: self.check()
+
+    def check(self) -> None:
+        """Raise SystemExit if a signal came."""
+        if self.number is not None:
+            raise SystemExit(SIGNAL_BASE + self.number)
+
+
+@contextmanager
+def graceful_shutdown(
+    grace_period_s: float, on_signal: Callable[[], object]
+) -> Iterator[StopOnSignal]:
+    """Record a signal within the block, which has to end then; a second one ends the process.
+
+    The signal calls ``on_signal`` in another thread.
+    """
+    with StopOnSignal(*ending_signals()) as stop:
+        _shutdowns.append((grace_period_s, on_signal))
+        try:
+            yield stop
+        finally:
+            _shutdowns.pop()
+
+
+def _watch(read_end: int) -> None:
+    """End the process on a signal if the main thread does not do so in time."""
+    while True:
+        (number,) = os.read(read_end, 1)
+        if signal.getsignal(number) is _end:
+            grace_period_s = _GRACE_PERIOD_S
+        elif _shutdowns:
+            grace_period_s, on_signal = _shutdowns[-1]
+            on_signal()
+        else:
+            continue
+        select.select([read_end], (), (), grace_period_s)
+        _clean_up()
+        os._exit(SIGNAL_BASE + number)
+
+
+def _end(number: int, _frame: object) -> NoReturn:
+    _clean_up()
+    with suppress(Exception):  # the stream is closed, or was interrupted while writing
+        sys.stdout.flush()
+    os._exit(SIGNAL_BASE + number)
+
+
+def _clean_up() -> None:
+    run_exit_hooks()
+    remove_own()

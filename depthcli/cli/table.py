@@ -12,17 +12,17 @@ COMMANDS = {
     "video": ("video:video", "Depth video: lossless 16-bit, preview, or image sequence."),
     "models": ("models:COMMANDS", "List, inspect, verify, add and remove models."),
     "view": ("depth_files:view", "Show a depth file in three dimensions, on a web page."),
-    "convert": ("convert:convert", "Convert depth files and report the conversion error."),
+    "convert": ("depth_files:convert", "Convert depth files and report the conversion error."),
     "info": ("depth_files:info", "Show unit, scale and range of a depth file."),
     "probe": ("depth_files:probe", "Show the depth at pixels, in boxes or masks of a depth file."),
-    "calibrate": ("calibrate:calibrate", "Measure the scale of a camera, once, and keep it."),
+    "calibrate": ("predict:calibrate", "Measure the scale of a camera, once, and keep it."),
     "eval": ("eval:COMMANDS", "Measure accuracy on NYU Depth v2 or your pairs."),
     "train": ("train:train", "Train a model; can be resumed."),
     "export-onnx": ("export:export_onnx", "Export a checkpoint to ONNX with a model card."),
     "bench": ("bench:bench", "Benchmark a model: latency, throughput, memory."),
     "serve": ("serve:serve", "Serve depth over HTTP with one loaded model."),
     "mcp": ("serve:mcp", "Serve depth to agents (Model Context Protocol)."),
-    "doctor": ("doctor:doctor", "Check the installation: provider, model, codecs."),
+    "doctor": ("models:doctor", "Check the installation: provider, model, codecs."),
 }  #: name -> (module in ``commands/`` and its function or functions by name, one line of help)
 LAB_COMMANDS = ("eval", "train", "export-onnx", "bench")  #: those in ``lab/commands/``
 PROFILE_COMMANDS = ("predict", "batch", "video")  #: commands that accept ``--profile``

@@ -66,12 +66,6 @@ def test_option_without_effect_is_a_warning(
     assert not inside(*words, "--quiet", code=0).stderr
 
 
-def test_extrinsics_are_refused_with_known_depth_in_pixels(inside: Cli) -> None:
-    (inside.folder / "known.csv").write_text("x,y,depth_m\n5,4,2\n")
-    done = inside("predict", "a.png", "--anchors", "known.csv", "--extrinsics", "pose.txt", code=2)
-    assert b"--extrinsics is for clouds: leave it out, or name one in --anchors" in done.stderr
-
-
 def test_normalized_png_has_the_range_of_every_command(inside: Cli) -> None:
     write_image(inside.folder / "in" / "room.png")
     write_video(inside.folder / "clip.avi", flat_frames(range(2)))
@@ -220,7 +214,6 @@ def test_repeatable_option_takes_one_value(inside: Cli, folder: Path) -> None:
     [
         (b"[robot]\nhfovv = 3\n", "no option named 'hfovv'; did you mean 'hfov'?"),
         (b"\xef\xbb\xbf[robot]\nhfov = 300\n", "--hfov"),  # hukkin/tomli#304
-        (b"[robot]\nhfov = true\n", "hfov takes a value, not true or false"),
         (b"[robot]\nhfov = 80\nfocal-px = 70\n", "not both"),
         (b"[robot]\nout = 'x.png'\n", "no option named 'out'"),
         (b"[robot\n", "depthcli.toml is not TOML"),

@@ -157,7 +157,6 @@ def test_known_depth_comes_as_a_file_in_the_form(cli: Cli, inside: Cli) -> None:
             assert (reply.status, reply.body) == (200, wanted)
         form, kind = form_of(image=("a.png", png()), anchors=("../../etc/passwd", b"root"))
         assert server.predict(form, kind).status == 422
-        assert server.predict(png(), anchors_scale="2000").status == 400  # of no file
         form, kind = form_of(anchors=("a.csv", files["a.csv"][0]))
         assert server.predict(form, kind).status == 400
 
@@ -182,7 +181,7 @@ def test_refuses_requests_that_cannot_be_answered(cli: Cli) -> None:
 
 
 def test_no_option_of_a_request_names_a_file() -> None:
-    for name in ("points", "anchors", "extrinsics", "calibration", "anchors_scale", "baseline"):
+    for name in ("points", "anchors", "extrinsics", "calibration"):
         with pytest.raises(UsageError):
             parse_request(((name, "1"),))
     taken = [p for p in _command.params if p.name not in _REFUSED and p.opts[-1] != "--help"]

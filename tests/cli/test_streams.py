@@ -21,8 +21,8 @@ from helpers.tiny import endless_onnx, write_image, write_model
 
 from depthcli.cli import shell
 from depthcli.cli.options import ScreenOptions
-from depthcli.cli.process import ending_signals, graceful_shutdown
 from depthcli.cli.screen import console
+from depthcli.cli.shell import ending_signals, graceful_shutdown
 from depthcli.cli.table import COMMANDS
 from depthcli.errors import InputError
 from robustness import killed

@@ -16,9 +16,9 @@ from depthcli.cli.groups import Given, group
 from depthcli.cli.screen import console
 from depthcli.core.options import GPU_BATCH, SceneLayout, one_line
 from depthcli.core.parallel import share_cores
-from depthcli.errors import ExitCode, UsageError, os_errors_as
+from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format, WriterOptions
-from depthcli.io.listing import NameFilter
+from depthcli.io.listing import NameFilter, parse_list, read_list
 from depthcli.io.storage.paths import RemotePath, path_of
 
 if TYPE_CHECKING:
@@ -38,10 +38,10 @@ class OutputOptions:
     """Output."""
 
     out: str = groups.usual(
-        "Output folder, required; keeps the folder structure of DIR.",
+        "Output folder; keeps the folder structure of DIR.",
         "-o",
         "--out",
-        default="",
+        default=...,
         metavar="OUT",
     )
     formats: list[Format] | None = groups.usual(
@@ -178,8 +178,8 @@ def batch(
     here = replace(loader, provider="cpu", provider_options={})
     loading = (here if is_ray else loader).start()
     # Imported while the model loads.
-    from depthcli.cli.process import graceful_shutdown
     from depthcli.cli.screen import results
+    from depthcli.cli.shell import graceful_shutdown
     from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
     from depthcli.jobs.batch.tasks import BatchOptions
 
@@ -215,8 +215,7 @@ def batch(
         session.stop()
         stopped.set()
 
-    with graceful_shutdown(_GRACE_PERIOD_S, on_signal) as interrupt:
-        stop = results.StopOnSignal(interrupt)
+    with graceful_shutdown(_GRACE_PERIOD_S, on_signal) as stop:
         with closing(_cluster(engine, stop)) if is_ray else nullcontext() as cluster:
             for each in chain([plan], changed(stopped)):
                 job = Batch(replace(request, plan=each), session, cluster, progress=stop)
@@ -272,34 +271,22 @@ def _cluster(options: EngineOptions, progress: Progress) -> RayEngine:
 
 
 def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | None) -> BatchPlan:
-    from depthcli.io import listing
     from depthcli.io.archives import holds_images
     from depthcli.io.manifest import WHOLE, Shard
-    from depthcli.io.media import is_archive
     from depthcli.jobs.batch.plan import plan_files, plan_folder
 
     files, column = inputs.files, inputs.column
     shard = WHOLE if inputs.shard is None else Shard.parse(inputs.shard)
-    if not out:
-        raise UsageError("", "name the folder for outputs with {out}")
     names_filter = NameFilter.of(inputs.include or (), inputs.exclude or ())
     archive = next((x for x in (folder, files) if x and holds_images(path_of(x), column)), None)
     if archive is not None:
         root = str(path_of(archive).parent)
         return plan_files([archive], archive, root, out, names_filter, shard, cameras)
-    for_tables = UsageError("", "{column} is for a Parquet or CSV file: name it with {files}")
-    if column is not None and (files == _STDIO or (files is None and folder is None)):
-        raise for_tables
     if files is None and folder is None:
         raise UsageError("", "name a folder, or give a list with {files}")
     if files is None:
-        plan = plan_folder(folder or "", out, names_filter, shard, cameras)
-        if column is not None and not any(is_archive(file.name) for file in plan.inputs):
-            raise for_tables
-        return plan
-    with os_errors_as(UsageError, "cannot read the list from standard input"):
-        stdin = sys.stdin.buffer.read() if files == _STDIO else b""
-    words = listing.parse_list(stdin) if files == _STDIO else listing.read_list(files, column)
+        return plan_folder(folder or "", out, names_filter, shard, cameras)
+    words = parse_list(sys.stdin.buffer.read()) if files == _STDIO else read_list(files, column)
     return plan_files(words, files, folder, out, names_filter, shard, cameras)
 
 

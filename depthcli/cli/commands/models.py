@@ -1,9 +1,10 @@
-"""``depthcli models``: listing, inspecting, verifying, adding and removing models."""
+"""``depthcli models`` and ``doctor``: the models, and whether the installation runs them."""
 
 from __future__ import annotations
 
 import json
 import shlex
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Literal
 
 import typer
@@ -312,6 +313,36 @@ def verify(
         else:
             console.out(f"{one_line(name)}: ok, sha256 {outcome.sha256}")
     return code
+
+
+def doctor(
+    model: str | None = typer.Option(
+        None,
+        "--model",
+        metavar="MODEL",
+        autocompletion=options.models,
+        help="Model to check, by name or path.",
+    ),
+    provider: str = typer.Option(
+        "auto",
+        metavar="NAME",
+        autocompletion=lambda: options.PROVIDERS,
+        help="Execution provider to check.",
+    ),
+    as_json: JsonOption = False,
+) -> int:
+    """Check versions, onnxruntime packages, the provider really active, a model, and codecs.
+
+    Exit code 0 if everything needed works, 3 if something does not.
+    """
+    from depthcli.jobs.doctor import check_installation
+
+    failed = False
+    for check in check_installation(model, provider):
+        failed = failed or check.status == "failed"
+        text = f"{check.status:<8} {check.name:<24} {check.detail}"
+        console.show(asdict(check), text, as_json=as_json)
+    return ExitCode.FAILURE if failed else ExitCode.OK
 
 
 COMMANDS = {

@@ -14,7 +14,7 @@ from depthcli.cli import options
 from depthcli.cli.groups import command_of, group
 from depthcli.cli.screen import console
 from depthcli.core.options import MAX_PIXELS, Eye
-from depthcli.errors import ExitCode, UsageError
+from depthcli.errors import ExitCode, UsageError, os_errors_as
 from depthcli.io.formats.table import Format, WriterOptions
 
 if TYPE_CHECKING:
@@ -116,12 +116,9 @@ def serve(
     )
     if not quiet:
         console.warn_all(server.session.warnings)
-    try:
+    problem = f"cannot listen at {listen.host}:{listen.port}"
+    with os_errors_as(UsageError, problem, "choose another {port} or {host}"):
         server.run(listen.host, listen.port, console.note if not quiet else lambda _url: None)
-    except OSError as error:
-        reason = str(error.strerror).partition(" (")[0]  # Python repeats the address
-        problem = f"cannot listen at {listen.host}:{listen.port}: {reason}"
-        raise UsageError(problem, "choose another {port} or {host}") from error
     return ExitCode.OK
 
 

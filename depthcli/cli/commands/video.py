@@ -175,8 +175,8 @@ def video(
     Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
     """
     from depthcli.cli import parse
-    from depthcli.cli.process import graceful_shutdown
     from depthcli.cli.screen import console
+    from depthcli.cli.shell import graceful_shutdown
     from depthcli.io.storage.paths import safe_name
     from depthcli.jobs.image import FailedInput
     from depthcli.jobs.outputs import STDIO
@@ -259,8 +259,6 @@ def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     step = _point(every or "1", "every", bare_is_frames=True)
     if not step.value:
         raise UsageError("0 is not a step", "give 1 or more", option="every")
-    if last and first.in_frames == last.in_frames and last.value <= first.value:
-        raise UsageError(f"{end} is not after {start or 0}; the span is empty", option="end")
     return Span(first, last, step)
 
 

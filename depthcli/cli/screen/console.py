@@ -127,10 +127,6 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         out((" " * _GAP).join(cells).rstrip())
 
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-
 _LINE_EVERY_S = 10.0
 _BAR_EVERY_S = 0.2
 _JSON_EVERY_S = 0.5
@@ -164,21 +160,18 @@ class Stage:
         """Advance by ``count`` units."""
         self._done += count
         now_s, bars, done = time.monotonic(), self._shown.bars, math.ceil(self._done)
-        as_json, every_s = self._shown.as_json, _LINE_EVERY_S if bars is None else _BAR_EVERY_S
-        is_due = now_s - self._shown_s >= (_JSON_EVERY_S if as_json else every_s)
-        is_last = done == self._total and (as_json or bars is not None)
-        if not (as_json or not self._shown.silent) or not (is_due or is_last):
+        is_last = done == self._total and (self._shown.as_json or bars is not None)
+        if now_s - self._shown_s < self._shown.every_s and not is_last:
             return
         self._shown_s = now_s
-        if as_json:
+        if self._shown.as_json:
             self._print_json()
-            return
-        if bars is not None:
+        elif bars is not None:
             bars.update(self._task, completed=done, speed=self.speed(), refresh=True)
-            return
-        name = f"{self._what}: " if self._what else ""
-        of = "" if self._total is None else f"/{self._total}"
-        note(f"{name}{done}{of}  {self.speed()}")
+        else:
+            name = f"{self._what}: " if self._what else ""
+            of = "" if self._total is None else f"/{self._total}"
+            note(f"{name}{done}{of}  {self.speed()}")
 
     def _print_json(self) -> None:
         rate, left_s = self._rate(), None
@@ -215,7 +208,7 @@ class ProgressDisplay(NamedTuple):
     """A :class:`depthcli.core.parallel.Progress` on standard error."""
 
     bars: Progress | None  #: on a terminal
-    silent: bool  #: whether nothing is shown
+    every_s: float  #: seconds between what is shown; infinite if nothing is
     as_json: bool = False  #: whether JSON lines are printed
 
     def begin(self, what: str, total: int | None, unit: str = "") -> Stage:
@@ -227,7 +220,8 @@ class ProgressDisplay(NamedTuple):
 def show_progress(*, is_shown: bool, as_json: bool) -> Iterator[ProgressDisplay]:
     """Show progress during the block, as JSON or as text."""
     if as_json or not (is_shown and sys.stderr.isatty()):
-        yield ProgressDisplay(None, silent=as_json or not is_shown, as_json=as_json)
+        every_s = _JSON_EVERY_S if as_json else _LINE_EVERY_S if is_shown else math.inf
+        yield ProgressDisplay(None, every_s, as_json)
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -246,6 +240,6 @@ def show_progress(*, is_shown: bool, as_json: bool) -> Iterator[ProgressDisplay]
     with bars, exit_hook(partial(os.write, sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h")):
         _bars.append(bars)
         try:
-            yield ProgressDisplay(bars, silent=False)
+            yield ProgressDisplay(bars, _BAR_EVERY_S)
         finally:
             _bars.remove(bars)

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections import Counter
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import chain
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
 from depthcli.core.options import one_line
 from depthcli.core.types import DepthRange
-from depthcli.errors import SIGNAL_BASE, EngineError, ModelError, UsageError, about
+from depthcli.errors import EngineError, ModelError, UsageError, about
 from depthcli.io.listing import skip_summary
 from depthcli.io.stored.metadata import camera_text
 from depthcli.jobs.image import FailedInput, depth_facts
 from depthcli.jobs.predict import PredictResult
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable
+    from collections.abc import Generator, Iterable
 
     from depthcli.cli.options import ScreenOptions
-    from depthcli.core.parallel import Interrupt
+    from depthcli.cli.shell import StopOnSignal
     from depthcli.jobs.batch.plan import BatchPlan
     from depthcli.jobs.batch.run import Batch, DryRun
     from depthcli.jobs.batch.tasks import BatchResult
@@ -30,29 +31,12 @@ if TYPE_CHECKING:
     from depthcli.jobs.video.plan import VideoResult
 
 
-@dataclass(frozen=True, slots=True)
-class StopOnSignal:
-    """A :class:`depthcli.core.parallel.Progress` that ends the work after a signal."""
-
-    interrupt: Interrupt  #: records the signal
-
-    def begin(self, what: str, total: int | None, unit: str = "") -> Callable[[float], None]:
-        """A stage that checks for a signal after each unit."""
-        del what, total, unit
-        return lambda _count: self.check()
-
-    def check(self) -> None:
-        """Raise SystemExit if a signal came."""
-        if self.interrupt.number is not None:
-            raise SystemExit(SIGNAL_BASE + self.interrupt.number)
-
-
 def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenOptions) -> None:
     """Run a batch; print its results, as JSON objects or as warnings and failures, and a summary.
 
     With ``--quiet``, only errors are printed.
     """
-    quiet, as_json, resumes, tally = screen.quiet, screen.as_json, True, batch.tally
+    quiet, as_json, tally = screen.quiet, screen.as_json, batch.tally
 
     def show(result: BatchResult) -> None:
         if as_json:
@@ -74,15 +58,12 @@ def run_batch(batch: Batch, plan: BatchPlan, stop: StopOnSignal, screen: ScreenO
     except (EngineError, ModelError):
         stop.check()  # the network or its process was stopped
         raise
-    except UsageError:
-        resumes = False
-        raise
     finally:
         for result in batch.late:
             show(result)
         _print_summary(batch, plan, screen)
         is_short = tally.completed < tally.total and not batch.stopped
-        if resumes and is_short and not quiet:
+        if is_short and not (quiet or isinstance(sys.exception(), UsageError)):
             console.note("stopped early; run the same command again to resume")
 
 
@@ -133,10 +114,9 @@ def print_dry_run(results: Iterable[DryRun], plan: BatchPlan, *, as_json: bool) 
     return counts["fail"]
 
 
-def print_failed(failed: FailedInput, *, as_json: bool) -> None:
-    """Print that an input failed, and why."""
+def _print_failed(failed: FailedInput, screen: ScreenOptions) -> None:
     reason = failed.error.message
-    if as_json:
+    if screen.as_json:
         error = console.worded(reason)
         console.out_json({"input": failed.name, "status": "failed", "error": error})
     console.error(about(failed.name, reason))
@@ -150,11 +130,10 @@ def print_result(
     Text goes to standard error if standard output carries depth.
     """
     if isinstance(result, FailedInput):
-        print_failed(result, as_json=screen.as_json)
+        _print_failed(result, screen)
         return
     if screen.as_json:
-        facts = image_json(result) if isinstance(result, PredictResult) else video_json(result)
-        console.out_json(facts)
+        console.out_json(_json_of(result))
     elif not screen.quiet:
         text = image_text(result) if isinstance(result, PredictResult) else video_text(result)
         (console.note if to_stderr else console.out)(text)
@@ -163,17 +142,23 @@ def print_result(
         console.error(about(result.name, f"{result.problem}; frames written: {result.frames}"))
 
 
-def image_json(done: PredictResult) -> dict[str, object]:
+def _json_of(done: PredictResult | VideoResult) -> dict[str, object]:
     """The fields of one line of ``--json``."""
-    return {
+    is_image = isinstance(done, PredictResult)
+    facts: dict[str, object] = {
         "input": done.name,
-        "status": "ok",
+        "status": "ok" if is_image or not done.problem else "incomplete",
         "outputs": list(done.outputs),
-        **depth_facts(done.depth),
+        **(depth_facts(done.depth) if is_image else done.metadata()),
         "provider": done.provider,
         "seconds": round(done.seconds, 6),
-        "warnings": [console.worded(warning) for warning in done.warnings],
     }
+    warnings = {"warnings": [console.worded(warning) for warning in done.warnings]}
+    if is_image:
+        return facts | warnings
+    facts["processed_fps"] = round(done.frames / done.seconds, 3)
+    facts["live"] = None if done.live is None else asdict(done.live)
+    return facts | warnings | {"error": done.problem}
 
 
 def image_text(done: PredictResult) -> str:
@@ -190,22 +175,6 @@ def _line(done: PredictResult | VideoResult, facts: str) -> str:
     files, camera = ", ".join(map(one_line, done.outputs)), camera_text(done.depth)
     seen_by = f"  camera: {camera}" if camera else ""
     return f"{one_line(done.name)} -> {files}  {facts}{seen_by}"
-
-
-def video_json(done: VideoResult) -> dict[str, object]:
-    """The object of ``--json``."""
-    return {
-        "input": done.name,
-        "status": "incomplete" if done.problem else "ok",
-        "outputs": list(done.outputs),
-        **done.metadata(),
-        "provider": done.provider,
-        "seconds": round(done.seconds, 6),
-        "processed_fps": round(done.frames / done.seconds, 3),
-        "live": None if done.live is None else asdict(done.live),
-        "warnings": [console.worded(warning) for warning in done.warnings],
-        "error": done.problem,
-    }
 
 
 def video_text(done: VideoResult) -> str:
@@ -243,23 +212,22 @@ def print_conversions(
     screen: ScreenOptions,
     plan: FolderPlan | None = None,
 ) -> int:
-    """Print many conversions while they are made: a JSON object each, or failures and a summary.
+    """Print many conversions while they are made: a JSON object each, or failures, and a summary.
 
     They are those of the files of a folder, which has a plan, or of the frames of a video. Returns
     how many inputs failed.
     """
-    failures, warned = list[FailedInput](), list[str]()  # the first warning of each frame
-    converted, lost, max_error, in_metres = 0, 0, -1.0, " m"
+    warned = list[str]()  # the first warning of each frame
+    converted, failed, lost, max_error, in_metres = 0, 0, 0, -1.0, " m"
     _warn_of_loops(plan.loops if plan and not screen.quiet else ())
     with screen.show_progress() as progress, closing(results):
         stage = progress.begin("", len(plan.inputs) if plan else None, unit)
         for result in results:
             stage.file = result.name if isinstance(result, FailedInput) else result.source
             if isinstance(result, FailedInput):
-                failures.append(result)
-                stage.note = f"{len(failures)} failed"
-                if screen.as_json:
-                    print_failed(result, as_json=True)
+                failed += 1
+                stage.note = f"{failed} failed"
+                _print_failed(result, screen)
             else:
                 converted += 1
                 if (trip := result.round_trip) is not None:
@@ -271,12 +239,10 @@ def print_conversions(
                 elif plan and not screen.quiet:
                     console.warn_all(result.warnings, name=result.source)
             stage(1)
-    for failed in () if screen.as_json else failures:
-        print_failed(failed, as_json=False)
     if not screen.quiet:
         of = f" of {len(plan.inputs)}" if plan else ""
         parts = [f"{converted}{of} {unit} converted"]
-        parts += [f"{len(failures)} failed"] if failures else []
+        parts += [f"{failed} failed"] if failed else []
         parts += [skip_summary(plan.skipped)] if plan and plan.skipped else []
         trips = f"; round trip: max error {max_error:.3g}{in_metres}, {lost} pixels lost"
         text = ", ".join(parts) + (trips if max_error >= 0 else "")
@@ -284,7 +250,7 @@ def print_conversions(
     if warned and screen.shows_text:
         first = console.worded(warned[0])
         console.warn(f"{len(warned)} {unit} have warnings, the first: {first}")
-    return len(failures)
+    return failed
 
 
 def _metres(done: ConvertResult) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from depthcli.cli import groups, options, process
+from depthcli.cli import groups, options, shell
 from depthcli.cli.screen import console
 from depthcli.errors import SIGNAL_BASE, CheckpointError, ExitCode, TrainingError, UsageError
 from depthcli.lab.commands.options import PatternOptions
@@ -209,7 +209,7 @@ def _train_runs(
                 threads=device.threads,
                 trackers=tuple(dict.fromkeys(follow.log or ())),
                 callbacks=tuple(follow.callback or ()),
-                signals=process.ending_signals(),
+                signals=shell.ending_signals(),
             )
             with callback_for(screen, run) as callback:
                 result = train(request, callback)
