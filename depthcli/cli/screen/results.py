@@ -144,17 +144,17 @@ def print_result(
 
 def _json_of(done: PredictResult | VideoResult) -> dict[str, object]:
     """The fields of one line of ``--json``."""
-    is_image = isinstance(done, PredictResult)
+    is_ok = isinstance(done, PredictResult) or not done.problem
     facts: dict[str, object] = {
         "input": done.name,
-        "status": "ok" if is_image or not done.problem else "incomplete",
+        "status": "ok" if is_ok else "incomplete",
         "outputs": list(done.outputs),
-        **(depth_facts(done.depth) if is_image else done.metadata()),
+        **(depth_facts(done.depth) if isinstance(done, PredictResult) else done.metadata()),
         "provider": done.provider,
         "seconds": round(done.seconds, 6),
     }
     warnings = {"warnings": [console.worded(warning) for warning in done.warnings]}
-    if is_image:
+    if isinstance(done, PredictResult):
         return facts | warnings
     facts["processed_fps"] = round(done.frames / done.seconds, 3)
     facts["live"] = None if done.live is None else asdict(done.live)
