@@ -40,14 +40,13 @@ _EXTRAS = {
 # Metavars in help, instead of typer's type names, which depend on its version.
 _PLACEHOLDERS = {"int": "N", "integer": "N", "float": "X", "path": "PATH"}
 _PLACEHOLDERS |= dict.fromkeys(("str", "text"), "TEXT")
-# Options of other programs, and what stands for them here.
 _DEVICES = dict.fromkeys(("--device", "--gpu", "--cuda", "--cpu"), ("--provider", "--accelerator"))
 _FOREIGN_NAMES = _DEVICES | {
     "--epochs": ("--set optim.epochs_constant=N and optim.epochs_decay=N",),
     "--lr": ("--set optim.learning_rate=X",),
     "--batch-size": ("--set optim.batch_size=N",),
 }
-"""Names that other programs have for ``--provider``."""
+"""Options of other programs, and what stands for them here."""
 
 
 class LazyGroup(TyperGroup):
