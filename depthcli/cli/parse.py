@@ -325,6 +325,8 @@ def apply_profile(context: Any, name: str) -> None:  # noqa: ANN401 - typer's ow
     parameters, defaults = _options_of(context.command), {}
     for key, value in values.items():
         if key in parameters:
+            if isinstance(value, bool) and not parameters[key].is_flag:
+                raise UsageError(f"profile {name!r}: {key} takes a value, not true or false")
             listed = value if isinstance(value, list) or not parameters[key].multiple else [value]
             if parameters[key].name == "formats":  # without those of other commands
                 of_any, of_own = {*Format, *VideoFormat}, parameters[key].type.choices

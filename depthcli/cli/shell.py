@@ -29,7 +29,7 @@ from depthcli.cli.screen import console
 from depthcli.core.options import suggestion
 from depthcli.core.parallel import Interrupt, run_exit_hooks
 from depthcli.errors import SIGNAL_BASE, DepthcliError, ExitCode, UsageError, is_out_of_memory
-from depthcli.io.storage.temporary import remove_own
+from depthcli.io.storage.atomic import remove_own
 
 _EXTRAS = {
     "train": "torch lightning_fabric lightning_utilities onnx onnxscript h5py timm",
@@ -40,14 +40,13 @@ _EXTRAS = {
 # Metavars in help, instead of typer's type names, which depend on its version.
 _PLACEHOLDERS = {"int": "N", "integer": "N", "float": "X", "path": "PATH"}
 _PLACEHOLDERS |= dict.fromkeys(("str", "text"), "TEXT")
-# Options of other programs, and what stands for them here.
 _DEVICES = dict.fromkeys(("--device", "--gpu", "--cuda", "--cpu"), ("--provider", "--accelerator"))
 _FOREIGN_NAMES = _DEVICES | {
     "--epochs": ("--set optim.epochs_constant=N and optim.epochs_decay=N",),
     "--lr": ("--set optim.learning_rate=X",),
     "--batch-size": ("--set optim.batch_size=N",),
 }
-"""Names that other programs have for ``--provider``."""
+"""Options of other programs, and what stands for them here."""
 
 
 class LazyGroup(TyperGroup):

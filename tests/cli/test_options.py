@@ -214,6 +214,7 @@ def test_repeatable_option_takes_one_value(inside: Cli, folder: Path) -> None:
     [
         (b"[robot]\nhfovv = 3\n", "no option named 'hfovv'; did you mean 'hfov'?"),
         (b"\xef\xbb\xbf[robot]\nhfov = 300\n", "--hfov"),  # hukkin/tomli#304
+        (b"[robot]\nhfov = true\n", "hfov takes a value, not true or false"),
         (b"[robot]\nhfov = 80\nfocal-px = 70\n", "not both"),
         (b"[robot]\nout = 'x.png'\n", "no option named 'out'"),
         (b"[robot\n", "depthcli.toml is not TOML"),

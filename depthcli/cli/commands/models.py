@@ -299,19 +299,16 @@ def verify(
 
     code = ExitCode.OK
     for name, outcome in verify_models(models or ()):
-        facts: dict[str, object] = {"name": name}
-        if isinstance(outcome, DepthcliError):
-            code = ExitCode.FAILURE
-            facts |= {"status": "failed", "error": console.worded(outcome.message)}
-        else:
-            facts |= {"status": "ok", "path": str(outcome.path), "sha256": outcome.sha256}
-            facts["bytes"] = outcome.size_bytes
+        if not isinstance(outcome, DepthcliError):
+            facts: dict[str, object] = {"name": name, "status": "ok", "path": str(outcome.path)}
+            facts |= {"sha256": outcome.sha256, "bytes": outcome.size_bytes}
+            console.show(facts, f"{name}: ok, sha256 {outcome.sha256}", as_json=as_json)
+            continue
+        code, reason = ExitCode.FAILURE, outcome.message
         if as_json:
-            console.out_json(facts)
-        elif isinstance(outcome, DepthcliError):
-            console.error(outcome.message)
+            console.out_json({"name": name, "status": "failed", "error": console.worded(reason)})
         else:
-            console.out(f"{one_line(name)}: ok, sha256 {outcome.sha256}")
+            console.error(reason)
     return code
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import fields
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -24,14 +23,7 @@ if TYPE_CHECKING:
 
 
 _TOKEN = "DEPTHCLI_TOKEN"  # noqa: S105 - the name of a variable
-_REFUSED = {
-    *("anchors", "extrinsics"),
-    *(
-        {one.name for one in fields(options.CameraOptions)}
-        - {"focal_px", "hfov", "focal_35mm", "pixel_aspect", "centre_px", "camera"}
-    ),
-    *("help", "max_pixels"),
-}
+_REFUSED = {"anchors", "extrinsics", "calibration", "rectified", "undistort", "help", "max_pixels"}
 """Options of predict that name a file of the server or belong to one: not for clients."""
 
 

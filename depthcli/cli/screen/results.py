@@ -144,21 +144,16 @@ def print_result(
 
 def _json_of(done: PredictResult | VideoResult) -> dict[str, object]:
     """The fields of one line of ``--json``."""
-    is_ok = isinstance(done, PredictResult) or not done.problem
-    facts: dict[str, object] = {
-        "input": done.name,
-        "status": "ok" if is_ok else "incomplete",
-        "outputs": list(done.outputs),
-        **(depth_facts(done.depth) if isinstance(done, PredictResult) else done.metadata()),
-        "provider": done.provider,
-        "seconds": round(done.seconds, 6),
-    }
+    facts: dict[str, object] = {"input": done.name, "status": "ok", "outputs": list(done.outputs)}
+    of_run = {"provider": done.provider, "seconds": round(done.seconds, 6)}
     warnings = {"warnings": [console.worded(warning) for warning in done.warnings]}
     if isinstance(done, PredictResult):
-        return facts | warnings
-    facts["processed_fps"] = round(done.frames / done.seconds, 3)
-    facts["live"] = None if done.live is None else asdict(done.live)
-    return facts | warnings | {"error": done.problem}
+        return {**facts, **depth_facts(done.depth), **of_run, **warnings}
+    facts["status"] = "incomplete" if done.problem else "ok"
+    speed = {"processed_fps": round(done.frames / done.seconds, 3)}
+    live = {"live": None if done.live is None else asdict(done.live)}
+    error = {"error": done.problem}
+    return {**facts, **done.metadata(), **of_run, **speed, **live, **warnings, **error}
 
 
 def image_text(done: PredictResult) -> str:
