@@ -144,7 +144,7 @@ def known_depth(
     path = options.anchors
     refuse_alternatives({"anchor": options.anchor, "anchors": path})
     if path is None:
-        return tuple(map(_point, options.anchor or ()))
+        return _listed_points(options)
     from depthcli.known.files import SELF, KnownDepthFiles
 
     files = KnownDepthFiles(
@@ -156,6 +156,8 @@ def known_depth(
         path_of(options.extrinsics) if options.extrinsics else None,
     )
     place = path_of(path)
+    if options.extrinsics and not files.may_be_clouds:
+        raise UsageError("", "{extrinsics} is for clouds: leave it out, or name one in {anchors}")
     is_stated = path == SELF or files.topic is not None
     if is_stated and (files.scale or files.kind):
         raise UsageError("", "{anchors_scale} and {anchors_kind} are for files in {anchors}")
@@ -232,6 +234,15 @@ def area(word: str) -> tuple[int, ...] | str:
     is_box = word.count(",") == _BOX_COMMAS
     form = ("X0,Y0,X1,Y1", "0,0,320,240") if is_box else ("X,Y", "320,240")
     return tuple(map(int, numbers(word, *form, _are_indices)))
+
+
+def _listed_points(options: groups.KnownDepthOptions) -> tuple[Anchor, ...]:
+    for name in ("anchors_scale", "anchors_kind", "baseline", "extrinsics"):
+        if getattr(options, name) is not None:
+            raise UsageError("", f"{{{name}}} is for {{anchors}}: give both or neither")
+    if getattr(options, "anchors_fit", None) and not options.anchor:
+        raise UsageError("", "{anchors_fit} is for {anchors} and {anchor}: give one of them")
+    return tuple(map(_point, options.anchor or ()))
 
 
 def _point(word: str) -> Anchor:

@@ -59,6 +59,13 @@ class KnownDepthFiles:
         """Whether it is that of an image itself, or of its name."""
         return self.path == SELF or bool(self.topic or self.reconstruction)
 
+    @property
+    def may_be_clouds(self) -> bool:
+        """Whether it is a point cloud, or a folder that may have some."""
+        suffix = path_of(self.path).suffix.lower()
+        is_map = suffix in SUFFIXES and suffix not in (*CLOUDS, ".bin")
+        return bool(self.topic) or not (self.is_by_image or is_map)
+
     def file_for(self, name: str, *, shares_stem: bool = False, image: Path | None = None) -> Path:
         """The folder's file for an image.
 

@@ -272,6 +272,7 @@ def test_fit_of_the_option_is_used_and_is_for_known_depth(inside: Cli) -> None:
     assert np.abs(maps[1] / affine - 1).max() > 0.05
     plain_model = ("--anchors-fit", "network", "--model", "default", "-o", "n.npy")
     assert inside(*words, *plain_model).returncode == 1
+    assert inside("predict", "in/a.png", "--anchors-fit", "local", "-o", "x/").returncode == 2
     batch = ("batch", "in", "-o", "out", "--anchors", "in", "--format", "npy")
     kept = [printed(inside(*batch, "--anchors-fit", fit, "--json")) for fit in ("local", "global")]
     assert [one["kept"] for (one,) in kept] == [False, False]

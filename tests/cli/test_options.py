@@ -66,6 +66,12 @@ def test_option_without_effect_is_a_warning(
     assert not inside(*words, "--quiet", code=0).stderr
 
 
+def test_extrinsics_are_refused_with_known_depth_in_pixels(inside: Cli) -> None:
+    (inside.folder / "known.csv").write_text("x,y,depth_m\n5,4,2\n")
+    done = inside("predict", "a.png", "--anchors", "known.csv", "--extrinsics", "pose.txt", code=2)
+    assert b"--extrinsics is for clouds: leave it out, or name one in --anchors" in done.stderr
+
+
 def test_normalized_png_has_the_range_of_every_command(inside: Cli) -> None:
     write_image(inside.folder / "in" / "room.png")
     write_video(inside.folder / "clip.avi", flat_frames(range(2)))

@@ -181,7 +181,7 @@ def test_refuses_requests_that_cannot_be_answered(cli: Cli) -> None:
 
 
 def test_no_option_of_a_request_names_a_file() -> None:
-    for name in ("points", "anchors", "extrinsics", "calibration"):
+    for name in ("points", "anchors", "extrinsics", "calibration", "anchors_scale", "baseline"):
         with pytest.raises(UsageError):
             parse_request(((name, "1"),))
     taken = [p for p in _command.params if p.name not in _REFUSED and p.opts[-1] != "--help"]
