@@ -133,4 +133,4 @@ def test_a_signal_to_the_whole_group_is_no_error(
     assert not re.search("Traceback|Interrupt|worker", said)
     done = [name for name, is_kept in kept(folder).items() if is_kept]
     assert done or number == signal.SIGINT
-    assert len(done) < MANY - 1
+    assert len(done) < MANY
