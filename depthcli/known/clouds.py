@@ -100,13 +100,6 @@ class _Image:
     sightings: _Values
 
 
-@dataclass(frozen=True, slots=True)
-class _Reconstruction:
-    sizes_px: dict[int, tuple[int, int]]  #: columns and rows of the images of each camera
-    images: dict[str, _Image]  #: by their paths
-    points: dict[int, tuple[float, float, float]]  #: places in the world
-
-
 def read_reconstruction(
     files: tuple[Path, ...], image: Path, units_per_m: float | None
 ) -> KnownDepth:
@@ -114,22 +107,22 @@ def read_reconstruction(
 
     These are of cameras, images and points, binary or text; without ``units_per_m`` in their unit.
     """
-    model = _read(files, tuple(file.stat().st_mtime_ns for file in files))
+    changed = tuple(file.stat().st_mtime_ns for file in files)
+    sizes_px, images, points = _read(files, changed)
     folder = files[0].parent
     parts = PurePath(image).parts
-    names = [n for n in model.images if parts[-len(PurePath(n).parts) :] == PurePath(n).parts]
+    names = [n for n in images if parts[-len(PurePath(n).parts) :] == PurePath(n).parts]
     if not names:
         raise InputError(f"{folder} has no image {image.name}")
-    view = model.images[max(names, key=len)]
-    rows = [row for row in view.sightings.tolist() if int(row[2]) in model.points]
-    places = np.array([model.points[int(row[2])] for row in rows]).reshape(-1, 3)
+    view = images[max(names, key=len)]
+    rows = [row for row in view.sightings.tolist() if int(row[2]) in points]
+    places = np.array([points[int(row[2])] for row in rows]).reshape(-1, 3)
     depth = places @ rotation(*view.pose[:4])[2] + view.pose[6]
     depth_m = depth / (units_per_m or 1)
     is_before = (depth_m >= DEPTH_M_RANGE[0]) & (depth_m <= DEPTH_M_RANGE[1])
     if not is_before.any():
         raise InputError(f"{folder} has no points of {image.name}")
-    size_px = model.sizes_px[view.camera]
-    pixels, size_px = _as_shown(np.array(rows)[is_before, :2], size_px, image)
+    pixels, size_px = _as_shown(np.array(rows)[is_before, :2], sizes_px[view.camera], image)
     x, y = np.floor(pixels).astype(np.int64).T  # from the corner
     unit = Message(
         f"depth is in the unit of {folder}, which is not known",
@@ -154,7 +147,10 @@ def _as_shown(
 
 
 @lru_cache(maxsize=1)  # for all images of a batch
-def _read(files: tuple[Path, ...], changed: tuple[int, ...]) -> _Reconstruction:
+def _read(
+    files: tuple[Path, ...], changed: tuple[int, ...]
+) -> tuple[dict[int, tuple[int, int]], dict[str, _Image], dict[int, tuple[float, ...]]]:
+    """Columns and rows of the images of each camera, images by path, and points in the world."""
     del changed
     data = [read_bytes(file) for file in files]
     try:
@@ -165,7 +161,7 @@ def _read(files: tuple[Path, ...], changed: tuple[int, ...]) -> _Reconstruction:
             cameras = [line.split() for line in _lines(texts[0]) if line.strip()]
             images, points = _images_of_text(texts[1]), _points_of_text(texts[2])
         sizes_px = {int(words[0]): (int(words[2]), int(words[3])) for words in cameras}
-        return _Reconstruction(sizes_px, dict(images), dict(points))
+        return sizes_px, dict(images), dict(points)
     except (ValueError, IndexError, struct.error) as error:
         raise InputError(
             f"{files[0].parent} is not a reconstruction of COLMAP that can be read"
@@ -331,7 +327,6 @@ def _directed(matrix: _Values, frames: _Frames) -> Extrinsics:
     """A pose that takes points of the first frame to the second, as one to the camera."""
     turn, (source, target) = matrix[:3, :3], frames
     is_pose = np.allclose(turn @ turn.T, np.eye(3), atol=_UNIT) and np.linalg.det(turn) > 0
-    is_pose &= bool(np.isfinite(matrix).all())
     if not is_pose or _is_camera(source) == _is_camera(target):
         raise ValueError(frames)
     camera = target if _is_camera(target) else source
@@ -347,10 +342,7 @@ def matrix_of(numbers: Sequence[float]) -> _Values:
     """3×4 or 4×4 numbers, or a translation and a quaternion, as (4, 4)."""
     values = np.array(numbers)
     if len(values) == _QUATERNION:
-        turn = values[3:] / np.linalg.norm(values[3:])
-        if not np.allclose(turn, values[3:], atol=_UNIT):
-            raise ValueError(numbers)
-        x, y, z, w = turn
+        x, y, z, w = values[3:] / np.linalg.norm(values[3:])
         values = np.column_stack([rotation(w, x, y, z), values[:3]]).ravel()
     rows = values.reshape(-1, _SIZE)
     if len(rows) == _SIZE and rows[3].tolist() != [0, 0, 0, 1]:
