@@ -125,14 +125,9 @@ def _read_fields(
     return parsed
 
 
-@cache
-def _parts(hint: Any) -> tuple[Any, tuple[Any, ...]]:  # noqa: ANN401
-    return typing.get_origin(hint), typing.get_args(hint)
-
-
 def _converted(hint: Any, value: Any, rule: Rule | None = None) -> Any:  # noqa: ANN401
     """A value as an annotation demands it; the rule describes it in messages."""
-    origin, parts = _parts(hint)
+    origin, parts = typing.get_origin(hint), typing.get_args(hint)
     if origin is None and hasattr(hint, "__dataclass_fields__"):
         hints, required = _hints(hint)
         return hint(**_read_fields(hints, value, required))

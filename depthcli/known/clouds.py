@@ -6,7 +6,7 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from io import BytesIO
+from io import BytesIO, StringIO
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
@@ -149,7 +149,7 @@ def _as_shown(
 @lru_cache(maxsize=1)  # for all images of a batch
 def _read(
     files: tuple[Path, ...], changed: tuple[int, ...]
-) -> tuple[dict[int, tuple[int, int]], dict[str, _Image], dict[int, tuple[float, ...]]]:
+) -> tuple[dict[int, tuple[int, int]], dict[str, _Image], dict[int, list[float]]]:
     """Columns and rows of the images of each camera, images by path, and points in the world."""
     del changed
     data = [read_bytes(file) for file in files]
@@ -159,7 +159,8 @@ def _read(
         else:
             texts = [part.decode() for part in data]
             cameras = [line.split() for line in _lines(texts[0]) if line.strip()]
-            images, points = _images_of_text(texts[1]), _points_of_text(texts[2])
+            rows = np.loadtxt(StringIO(texts[2]), usecols=range(4), ndmin=2).tolist()
+            images, points = _images_of_text(texts[1]), ((int(row[0]), row[1:]) for row in rows)
         sizes_px = {int(words[0]): (int(words[2]), int(words[3])) for words in cameras}
         return sizes_px, dict(images), dict(points)
     except (ValueError, IndexError, struct.error) as error:
@@ -184,13 +185,13 @@ def _images(data: bytes) -> Iterator[tuple[str, _Image]]:
         )
 
 
-def _points(data: bytes) -> Iterator[tuple[int, tuple[float, float, float]]]:
+def _points(data: bytes) -> Iterator[tuple[int, list[float]]]:
     at = 8
     for _ in range(*struct.unpack_from("<Q", data)):
         number, *place = struct.unpack_from("<Q3d", data, at)
         (views,) = struct.unpack_from("<Q", data, at + 43)  # after colour and error
         at += 51 + 8 * views
-        yield number, tuple(place)
+        yield number, place
 
 
 def _lines(text: str) -> Iterator[str]:
@@ -205,13 +206,6 @@ def _images_of_text(text: str) -> Iterator[tuple[str, _Image]]:
             _, *numbers, camera, name = line.split(maxsplit=9)
             sightings = np.array(next(lines, "").split(), np.float64).reshape(-1, 3)
             yield name.strip(), _Image(tuple(map(float, numbers)), int(camera), sightings)
-
-
-def _points_of_text(text: str) -> Iterator[tuple[int, tuple[float, float, float]]]:
-    for line in _lines(text):
-        if line.strip():
-            number, x, y, z, *_ = line.split(maxsplit=4)
-            yield int(number), (float(x), float(y), float(z))
 
 
 _SIZE = 4  # rows and columns of a rotation and a translation in one matrix

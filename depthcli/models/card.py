@@ -14,8 +14,6 @@ from depthcli.core.types import DepthCodec, DepthKind, Transform
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import ModelError
 
-MAX_INPUT_PIXELS = 2**24
-"""With more, the first layers of a network take more memory than machines have."""
 _MAX_SIDE = 2**15
 _Side: TypeAlias = Annotated[
     int, Rule(f"a whole number from 1 to {_MAX_SIDE}", lambda px: 1 <= px <= _MAX_SIDE)

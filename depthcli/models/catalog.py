@@ -213,7 +213,8 @@ class ModelLocation(NamedTuple):
 def roots() -> tuple[Path, ...]:
     """Folders of models: the environment variable's, the user's, the bundled, a checkout's."""
     package = Path(__file__).resolve().parents[1]
-    folders = [*_variable_roots(), user_folder("data") / "models", package / "_bundled"]
+    stated = filter(None, os.environ.get(MODELS_VARIABLE, "").split(os.pathsep))
+    folders = [*map(Path, stated), user_folder("data") / "models", package / "_bundled"]
     if (package.parent / "pyproject.toml").is_file():
         folders.append(package.parent / "models")
     return tuple(folders)
@@ -221,7 +222,7 @@ def roots() -> tuple[Path, ...]:
 
 def user_root() -> Path:
     """The folder for installed models: the first of the environment variable, else the user's."""
-    return next(iter(_variable_roots()), user_folder("data") / "models")
+    return roots()[0]
 
 
 def list_locations() -> Iterator[tuple[str, ModelLocation]]:
@@ -251,11 +252,6 @@ def location_at(path: Path) -> ModelLocation | None:
         is_own = shared.is_file() and files_of_card(shared)[:1] == [path.name]
         return ModelLocation(onnx=path, card=shared if is_own else None)
     return None
-
-
-def _variable_roots() -> list[Path]:
-    folders = os.environ.get(MODELS_VARIABLE, "").split(os.pathsep)
-    return [Path(folder) for folder in folders if folder]
 
 
 MAX_BYTES = 2**31 - 1  # a protobuf message cannot be larger
