@@ -92,8 +92,7 @@ def over_window(values: Float32Array, covered: Window, window: Window) -> Float3
         return values
     result = np.full((window.height, window.width), np.nan, np.float32)
     both = covered.intersection(window)
-    if not both.is_empty:
-        result[both.within(window)] = values[both.within(covered)]
+    result[both.within(window)] = values[both.within(covered)]
     return result
 
 

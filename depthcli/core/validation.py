@@ -1,8 +1,8 @@
 """Strict validation of values from JSON, TOML and checkpoints against annotated dataclasses.
 
-Numbers are finite and within 64 bits; ``Annotated[int, Rule(...)]`` adds a constraint. An error is
-one line that names the field. (msgspec, which validates such types, too, ignores unknown fields of
-a dataclass and takes 28 ms to load.)
+Numbers of a stated type are finite and within 64 bits; ``Annotated[int, Rule(...)]`` adds a
+constraint. An error is one line that names the field. (msgspec, which validates such types, too,
+ignores unknown fields of a dataclass and takes 28 ms to load.)
 """
 
 import hashlib
@@ -165,12 +165,6 @@ def _items(origin: Any, parts: tuple[Any, ...], value: Any, rule: Rule | None) -
 def _plain(hint: Any, value: Any, rule: Rule | None) -> Any:  # noqa: ANN401
     """A word of an enumeration, a number, a text, or any JSON value."""
     if hint is Any:
-        if isinstance(value, dict):
-            return {name: _plain(Any, item, None) for name, item in value.items()}
-        if isinstance(value, list):
-            return [_plain(Any, item, None) for item in value]
-        if isinstance(value, float) and not math.isfinite(value):
-            raise FieldError.expected("a finite number", value)
         return value
     if issubclass(hint, Enum):
         return _choice({str(choice): choice for choice in hint}, value)

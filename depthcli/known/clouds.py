@@ -24,10 +24,9 @@ from depthcli.io.storage.paths import read_bytes
 from depthcli.known.points import KnownDepth
 
 _MAX_PX = 1e6  # columns and rows; points farther off the axis are in no image
-_Values = Float64Array
 
 
-def read_cloud(path: Path) -> _Values:
+def read_cloud(path: Path) -> Float64Array:
     """The points of a PLY, PCD or BIN: (N, 3) float64, as they are stored; NaN is no point."""
     data = read_bytes(path)
     try:
@@ -48,18 +47,18 @@ def read_cloud(path: Path) -> _Values:
         raise InputError(f"{path} is not a point cloud that can be read") from error
 
 
-def cloud_of_message(message: Any) -> _Values:  # noqa: ANN401 - of the bag's types
+def cloud_of_message(message: Any) -> Float64Array:  # noqa: ANN401 - of the bag's types
     """The points of a ``PointCloud2`` in its frame: (N, 3) float64; NaN is no point."""
     import pypcd4  # noqa: PLC0415 - an extra
 
     return _places(pypcd4.PointCloud.from_msg(message))
 
 
-def _places(scan: Any) -> _Values:  # noqa: ANN401 - of pypcd4
+def _places(scan: Any) -> Float64Array:  # noqa: ANN401 - of pypcd4
     return np.stack([scan.pc_data[axis] for axis in "xyz"], axis=-1).astype(np.float64)
 
 
-def projected(cloud_m: _Values, camera: Intrinsics) -> KnownDepth:
+def projected(cloud_m: Float64Array, camera: Intrinsics) -> KnownDepth:
     """Points (N, 3) of a camera's axes, x to the right, y down and z forward, in its image.
 
     Of several points in a pixel, the nearest counts. Points that are not finite, behind the camera
@@ -97,7 +96,7 @@ class _Image:
     pose: tuple[float, ...]  #: quaternion w, x, y, z and translation, from the world to the camera
     camera: int
     #: (N, 3): column and row from the corner of the first pixel, and point; -1 for none
-    sightings: _Values
+    sightings: Float64Array
 
 
 def read_reconstruction(
@@ -135,8 +134,8 @@ def read_reconstruction(
 
 
 def _as_shown(
-    pixels: _Values, size_px: tuple[int, int], image: Path
-) -> tuple[_Values, tuple[int, int]]:
+    pixels: Float64Array, size_px: tuple[int, int], image: Path
+) -> tuple[Float64Array, tuple[int, int]]:
     """Pixels of an image as COLMAP reads it, which ignores EXIF, in the upright one."""
     data = read_bytes(image)
     if not data.startswith(JPEG_START):
@@ -227,7 +226,7 @@ _UNDIRECTED = re.compile(r"transform(s|ation)?|pose|extrinsics?(_matrix)?")  # a
 class Extrinsics(NamedTuple):
     """The pose of a sensor in the camera."""
 
-    matrix: _Values  #: (4, 4): takes points of the sensor to the camera
+    matrix: Float64Array  #: (4, 4): takes points of the sensor to the camera
     warnings: tuple[str, ...] = ()  #: about frames that are stated
 
 
@@ -317,7 +316,7 @@ def _is_camera(frame: str) -> bool:
     return bool(_CAMERA.search(frame) and not _SENSOR.search(frame))
 
 
-def _directed(matrix: _Values, frames: _Frames) -> Extrinsics:
+def _directed(matrix: Float64Array, frames: _Frames) -> Extrinsics:
     """A pose that takes points of the first frame to the second, as one to the camera."""
     turn, (source, target) = matrix[:3, :3], frames
     is_pose = np.allclose(turn @ turn.T, np.eye(3), atol=_UNIT) and np.linalg.det(turn) > 0
@@ -332,7 +331,7 @@ def _directed(matrix: _Values, frames: _Frames) -> Extrinsics:
     return Extrinsics(np.asarray(np.linalg.inv(matrix), np.float64), (warning,))
 
 
-def matrix_of(numbers: Sequence[float]) -> _Values:
+def matrix_of(numbers: Sequence[float]) -> Float64Array:
     """3×4 or 4×4 numbers, or a translation and a quaternion, as (4, 4)."""
     values = np.array(numbers)
     if len(values) == _QUATERNION:
@@ -344,13 +343,13 @@ def matrix_of(numbers: Sequence[float]) -> _Values:
     return np.concatenate([rows[:3], np.eye(_SIZE)[3:]])
 
 
-def rotation(w: float, x: float, y: float, z: float) -> _Values:
+def rotation(w: float, x: float, y: float, z: float) -> Float64Array:
     """The matrix of a quaternion of length 1: (3, 3)."""
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + 2 * w * cross + 2 * cross @ cross)
 
 
-def _of_kitti(tree: Mapping[str, Any]) -> _Values:
+def _of_kitti(tree: Mapping[str, Any]) -> Float64Array:
     """From the lidar to the camera of reference, rectified, and to camera 2 beside it."""
     rectified, beside = np.eye(_SIZE), np.eye(_SIZE)
     if "R0_rect" in tree:

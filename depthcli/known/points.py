@@ -182,8 +182,6 @@ _ERROR_LAWS = {
     DepthFit.NETWORK: (5.04, 1.425, 0.782),
 }
 
-_Values = Float64Array
-
 
 class ScaleShift(NamedTuple):
     """target = scale · value + shift."""
@@ -196,9 +194,9 @@ class ScaleShift(NamedTuple):
 class Pairs:
     """Values and what they should become."""
 
-    values: _Values  #: (N,)
-    targets: _Values  #: (N,)
-    unit: _Values  #: (N,), above 0, in which the error of each pair is measured
+    values: Float64Array  #: (N,)
+    targets: Float64Array  #: (N,)
+    unit: Float64Array  #: (N,), above 0, in which the error of each pair is measured
     error_sd: float = 1.0  #: expected standard deviation of the errors, in their units
     shift_sd: float = math.inf  #: that of the shift, in the median unit; infinite if not known
     centre: float = field(init=False)  #: median of the absolute values; 1 if that is 0
@@ -208,7 +206,7 @@ class Pairs:
         object.__setattr__(self, "centre", float(np.median(np.abs(self.values))) or 1.0)
         object.__setattr__(self, "median_unit", float(np.median(self.unit)))
 
-    def errors(self, fit: ScaleShift) -> _Values:
+    def errors(self, fit: ScaleShift) -> Float64Array:
         """Absolute error of each pair, in its unit: (N,) float64."""
         return np.abs(fit.scale * self.values + fit.shift - self.targets) / self.unit
 
@@ -220,7 +218,7 @@ class Pairs:
         return Pairs(*some, self.error_sd, self.shift_sd)
 
 
-def least_squares(pairs: Pairs, weights: _Values | None = None) -> ScaleShift:
+def least_squares(pairs: Pairs, weights: Float64Array | None = None) -> ScaleShift:
     """The most probable scale and shift if all errors and the shift are normally distributed.
 
     Values are not all equal, or the shift is expected to be finite. Weights are (N,) float64.
@@ -235,7 +233,7 @@ def least_squares(pairs: Pairs, weights: _Values | None = None) -> ScaleShift:
     return ScaleShift(float(scale) / centre, float(shift) * unit)
 
 
-def robust(pairs: Pairs) -> tuple[ScaleShift, _Values]:
+def robust(pairs: Pairs) -> tuple[ScaleShift, Float64Array]:
     """Like :func:`least_squares`, but wrong pairs have no effect.
 
     An MM-like estimate: the least absolute errors, then iteratively reweighted least squares with
@@ -264,7 +262,7 @@ def robust(pairs: Pairs) -> tuple[ScaleShift, _Values]:
     return fit, _biweights(pairs.errors(fit) / width)
 
 
-def _biweights(errors: _Values) -> _Values:
+def _biweights(errors: Float64Array) -> Float64Array:
     """Tukey's biweight of errors, 0 from 1 on."""
     return (1 - np.minimum(errors, 1) ** 2) ** 2
 
@@ -355,7 +353,7 @@ def _error_with(error: Float32Array, x: Int64Array, y: Int64Array, how: DepthFit
 
 
 def _followed(
-    depth: DepthMap, points: KnownDepth, values: _Values, windows: Windows | None
+    depth: DepthMap, points: KnownDepth, values: Float64Array, windows: Windows | None
 ) -> tuple[DepthMap, BoolArray, DepthFit]:
     """Fitted depth, which points it follows, and how; ``values`` are its own at the points."""
     displayed, inverse = displayed_depth(depth, windows), depth.kind is DepthKind.INVERSE
@@ -405,7 +403,7 @@ def fitted(
 
 
 def _fit(
-    values: _Values, targets: _Values, kind: DepthKind, cells: Int64Array
+    values: Float64Array, targets: Float64Array, kind: DepthKind, cells: Int64Array
 ) -> tuple[ScaleShift, BoolArray]:
     """The best scale and shift, and which points it is fitted to.
 
