@@ -326,16 +326,14 @@ def panorama_rays(width: int, height: int, rows: slice = slice(None)) -> Float32
 
 def masked_to_data_window(depth: DepthMap, windows: Windows | None) -> DepthMap:
     """Remove depth of a frame's pixels where its file has none."""
-    if windows is None or windows.valid == windows.pixels:
+    if windows is None:
         return depth
     return replace(depth, values=windows.only(windows.valid, depth.values))
 
 
 def displayed_depth(depth: DepthMap, windows: Windows | None) -> DepthMap:
     """The part of a frame's map that is in its display window."""
-    if windows is None or windows.pixels == windows.display:
-        return depth
-    return depth.over(windows.pixels, windows.display)
+    return depth if windows is None else depth.over(windows.pixels, windows.display)
 
 
 def displayed_frame(frame: Frame) -> Frame:

@@ -78,15 +78,13 @@ class Pipeline:
     def predict_many(
         self,
         frames: Sequence[Frame],
-        cameras: Sequence[Intrinsics] = (),
-        anchors: Sequence[KnownDepth | None] = (),
+        cameras: Sequence[Intrinsics],
+        anchors: Sequence[KnownDepth | None],
     ) -> list[Prediction | Exception]:
         """Depth of several images; those with the same input size are run as one batch.
 
         It is what :meth:`predict` returns for each, or the error that it raises.
         """
-        cameras = cameras or [UNKNOWN_CAMERA] * len(frames)
-        anchors = anchors or [None] * len(frames)
         try:
             return [*self._predict_batch(frames, cameras, anchors)]
         except Exception as error:  # noqa: BLE001 - no image may stop the others
