@@ -4,7 +4,6 @@ import json
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO, StringIO
 from pathlib import Path, PurePath
@@ -89,8 +88,7 @@ def projected(cloud_m: Float64Array, camera: Intrinsics) -> KnownDepth:
     return KnownDepth(x, y, depths_m[chosen], camera.size_px, warnings, may_be_outside=True)
 
 
-@dataclass(frozen=True, slots=True)
-class _Image:
+class _Image(NamedTuple):
     """What a reconstruction knows of an image."""
 
     pose: tuple[float, ...]  #: quaternion w, x, y, z and translation, from the world to the camera
