@@ -35,17 +35,6 @@ def resize_bilinear(values: Float32Array, width: int, height: int) -> Float32Arr
     return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_LINEAR))
 
 
-def resize_rows(values: Float32Array, width: int, height: int, rows: slice) -> Float32Array:
-    """Some rows of what :func:`resize_bilinear` returns, up to rounding, without the others.
-
-    ``values`` are (H, W) float32; ``height`` is that of the whole result. Never a view of them.
-    """
-    last = values.shape[0] - 1
-    numbers = np.arange(rows.start, rows.stop, dtype=np.float64)
-    place = np.clip((numbers + 0.5) * (values.shape[0] / height) - 0.5, 0, last)
-    return resize_bilinear(_rows_at(values, place), width, len(numbers))
-
-
 def _rows_at(values: Float32Array, place: FloatArray) -> Float32Array:
     """Rows at fractional places, interpolated; never a view."""
     above = place.astype(np.intp)
@@ -267,8 +256,10 @@ def upsample_guided(
     coefficients = guided_coefficients(coarse, small, radius, sharpens=sharpens)
     values = np.empty((frame.height, frame.width), np.float32)
     for rows in row_bands(frame.width, frame.height):
+        numbers = np.arange(rows.start, rows.stop, dtype=np.float64)
+        place = np.clip((numbers + 0.5) * (height / frame.height) - 0.5, 0, height - 1)
         slope, offset, low, high = (
-            resize_rows(part, frame.width, frame.height, rows) for part in coefficients
+            resize_bilinear(_rows_at(part, place), frame.width, len(place)) for part in coefficients
         )
         band = cv2.multiply(slope, brightness(frame.pixels[rows]), dst=slope)
         band = cv2.add(band, offset, dst=band)

@@ -98,24 +98,18 @@ class Background(Generic[_Result]):
             self._error = error
 
 
-_CPU_MAX = Path("/sys/fs/cgroup/cpu.max")
+_CPU_MAX = Path("/sys/fs/cgroup/cpu.max")  #: of control groups, version 2
 
 
 def usable_cores() -> int:
     """Cores that this process may use, which in a container can be fewer than the machine has."""
-    cores = os.cpu_count() or 1
+    cores: float = os.cpu_count() or 1
     if hasattr(os, "sched_getaffinity"):
         cores = len(os.sched_getaffinity(0))
-    return max(1, math.ceil(min(cores, _quota(_CPU_MAX))))
-
-
-def _quota(path: Path) -> float:
-    """CPU seconds per second that a control group (version 2) may use; infinite without a limit."""
-    try:
-        quota_us, period_us = path.read_text("ascii").split()
-        return int(quota_us) / int(period_us)
-    except (OSError, ValueError, ZeroDivisionError):  # "max" stands for no limit
-        return math.inf
+    with suppress(OSError, ValueError):  # there is none, or "max" for no limit
+        quota_us, period_us = _CPU_MAX.read_text("ascii").split()
+        cores = min(cores, int(quota_us) / int(period_us))
+    return max(1, math.ceil(cores))
 
 
 def share_cores(workers: int | None = None, threads: int | None = None) -> tuple[int, int]:

@@ -28,21 +28,6 @@ _ROUNDING, _NEGATIVE_SHARE = 0.01, 0.1
 _LIT_SHARE = 0.01  # a few bright pixels on black are highlights
 
 
-def check_pixels(pixels: AnyArray) -> None:
-    """Check that pixels are (H, W) gray or (H, W, 3) RGB; uint8, uint16, or float32 in [0, 1]."""
-    shape, dtype = pixels.shape, pixels.dtype
-    if len(shape) < _GRAY_RANK or shape[_GRAY_RANK:] not in ((), (_RGB,)) or 0 in shape:
-        raise InputError(f"pixels of shape {shape} are not an image; give (H, W) or (H, W, 3) RGB")
-    if dtype not in (np.uint8, np.uint16, np.float32):
-        raise InputError(f"pixels have to be uint8, uint16 or float32, not {dtype}; convert them")
-    if dtype == np.float32:
-        low, high = float(pixels.min()), float(pixels.max())
-        is_finite = math.isfinite(low) and math.isfinite(high)
-        if not is_finite or is_out_of_range(pixels, low, high):
-            problem = f"float pixels have to be finite and in [0, 1], not {low:g} to {high:g}"
-            raise InputError(problem, "scale them, and replace the others with np.nan_to_num")
-
-
 def is_out_of_range(pixels: Float32Array, low: float, high: float) -> bool:
     """Whether a finite image, from ``low`` to ``high``, is in another range than [0, 1].
 
@@ -107,8 +92,7 @@ def over_window(values: Float32Array, covered: Window, window: Window) -> Float3
         return values
     result = np.full((window.height, window.width), np.nan, np.float32)
     both = covered.intersection(window)
-    if not both.is_empty:
-        result[both.within(window)] = values[both.within(covered)]
+    result[both.within(window)] = values[both.within(covered)]
     return result
 
 
@@ -188,7 +172,20 @@ class Frame:
     view: str | None = None  #: eye of a stereo EXR, such as ``left``
 
     def __post_init__(self) -> None:
-        check_pixels(self.pixels)
+        pixels: AnyArray = self.pixels
+        shape, dtype = pixels.shape, pixels.dtype
+        if len(shape) < _GRAY_RANK or shape[_GRAY_RANK:] not in ((), (_RGB,)) or 0 in shape:
+            problem = f"pixels of shape {shape} are not an image; give (H, W) or (H, W, 3) RGB"
+            raise InputError(problem)
+        if dtype not in (np.uint8, np.uint16, np.float32):
+            problem = f"pixels have to be uint8, uint16 or float32, not {dtype}; convert them"
+            raise InputError(problem)
+        if dtype == np.float32:
+            low, high = float(pixels.min()), float(pixels.max())
+            is_finite = math.isfinite(low) and math.isfinite(high)
+            if not is_finite or is_out_of_range(pixels, low, high):
+                problem = f"float pixels have to be finite and in [0, 1], not {low:g} to {high:g}"
+                raise InputError(problem, "scale them, and replace the others with np.nan_to_num")
         object.__setattr__(self, "projection", chosen(Projection, self.projection, "projection"))
 
     @property
@@ -329,16 +326,14 @@ def panorama_rays(width: int, height: int, rows: slice = slice(None)) -> Float32
 
 def masked_to_data_window(depth: DepthMap, windows: Windows | None) -> DepthMap:
     """Remove depth of a frame's pixels where its file has none."""
-    if windows is None or windows.valid == windows.pixels:
+    if windows is None:
         return depth
     return replace(depth, values=windows.only(windows.valid, depth.values))
 
 
 def displayed_depth(depth: DepthMap, windows: Windows | None) -> DepthMap:
     """The part of a frame's map that is in its display window."""
-    if windows is None or windows.pixels == windows.display:
-        return depth
-    return depth.over(windows.pixels, windows.display)
+    return depth if windows is None else depth.over(windows.pixels, windows.display)
 
 
 def displayed_frame(frame: Frame) -> Frame:

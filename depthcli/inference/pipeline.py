@@ -24,7 +24,6 @@ from depthcli.core.types import DepthMap, Frame, Provenance, masked_to_data_wind
 from depthcli.errors import InputError, Message, ModelError, UsageError
 from depthcli.inference import transforms
 from depthcli.inference.session import RawOutputs, Session
-from depthcli.inference.transforms import Layout, prepare
 from depthcli.known.points import KnownDepth, fitted
 from depthcli.models.card import InputSpec, OutputSpec
 
@@ -79,15 +78,13 @@ class Pipeline:
     def predict_many(
         self,
         frames: Sequence[Frame],
-        cameras: Sequence[Intrinsics] = (),
-        anchors: Sequence[KnownDepth | None] = (),
+        cameras: Sequence[Intrinsics],
+        anchors: Sequence[KnownDepth | None],
     ) -> list[Prediction | Exception]:
         """Depth of several images; those with the same input size are run as one batch.
 
         It is what :meth:`predict` returns for each, or the error that it raises.
         """
-        cameras = cameras or [UNKNOWN_CAMERA] * len(frames)
-        anchors = anchors or [None] * len(frames)
         try:
             return [*self._predict_batch(frames, cameras, anchors)]
         except Exception as error:  # noqa: BLE001 - no image may stop the others
@@ -120,7 +117,7 @@ class Pipeline:
             else replace(frame, pixel_aspect=camera.pixel_aspect)
             for frame, camera in zip(frames, lens, strict=True)
         ]
-        prepared = [prepare(self.card.input, frame) for frame in frames]
+        prepared = [transforms.prepare(self.card.input, frame) for frame in frames]
         if self.detail.mask is DepthMask.MODEL and self.card.output.mask is None:
             problem = f"model {self.card.name!r} tells no mask of its own"
             raise InputError(problem, "leave {mask} out, or give another {model}")
@@ -174,7 +171,7 @@ class Pipeline:
         self,
         frame: Frame,
         raw: RawOutputs,
-        layout: Layout,
+        layout: transforms.Layout,
         camera: Intrinsics,
         points: KnownDepth | None,
     ) -> tuple[Prediction, BoolArray | None]:
@@ -258,7 +255,7 @@ class Pipeline:
         return Prediction(DepthMap(values, self.card.output.kind, source), ())
 
     def _camera_matrix(
-        self, frame: Frame, layout: Layout, camera: Intrinsics
+        self, frame: Frame, layout: transforms.Layout, camera: Intrinsics
     ) -> Float32Array | None:
         """The camera in pixels of the network's input, (3, 3); None if the network takes none."""
         if self.card.input.camera_matrix is None:
@@ -315,7 +312,7 @@ class Pipeline:
 
 def _coarse(session: Session, frame: Frame) -> Float32Array:
     """Depth of an image at the network's size, (h, w), without a camera or known depth."""
-    batch, layout = prepare(session.model.card.input, frame)
+    batch, layout = transforms.prepare(session.model.card.input, frame)
     return transforms.coarse_depth(session.model.card.output, session.run(batch)[0], layout)
 
 

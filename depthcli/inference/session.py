@@ -259,11 +259,7 @@ class Session:
 
         One of points, (N, h, w, 3), stays as it is; (h, w) is that of a single image.
         """
-        if (
-            self.model.card.output.points
-            and raw.shape[::3] == (count, _POINT)
-            and raw.ndim == _IMAGE_RANK
-        ):
+        if self.model.card.output.points and raw.shape[::3] == (count, _POINT):
             return np.asarray(raw, np.float32)
         is_single = raw.ndim == _IMAGE_RANK - 2 and count == 1 < min(raw.shape)
         maps = raw[np.newaxis] if is_single else raw

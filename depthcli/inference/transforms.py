@@ -27,7 +27,6 @@ from depthcli.core.types import DepthKind, Frame
 from depthcli.known.local_correction import log_correction, thinned
 from depthcli.known.points import ROBUST_FROM, KnownDepth, pixels_of
 from depthcli.models.card import (
-    MAX_INPUT_PIXELS,
     CameraSpec,
     Colour,
     Fit,
@@ -57,6 +56,7 @@ _LARGE_PIXELS = 4_000_000  # larger images are converted to float in bands
 _MAX_ASPECT = 2
 _GRID_PX = 2  # pixels of the input for one of a smaller output
 _WRONG, _LEAST_WRONG = 6.95, 0.005  # median deviations, and of log depth: doubtful from there on
+_MAX_INPUT_PIXELS = 2**24  # of more, the first layers take more memory than machines have
 _MAX_AREA_FACTOR = 16  # times the nominal pixel count, for an image that is one long strip
 
 
@@ -224,7 +224,7 @@ def _bounded(spec: InputSpec, width: float, height: float) -> Layout:
     """
     lower = spec.fit is Fit.LOWER_BOUND
     scale = (max if lower else min)(spec.height / height, spec.width / width)
-    most = min(_MAX_AREA_FACTOR * spec.width * spec.height, MAX_INPUT_PIXELS)
+    most = min(_MAX_AREA_FACTOR * spec.width * spec.height, _MAX_INPUT_PIXELS)
     if lower and scale**2 * width * height > most:  # 100 GB for 1 x 5000 pixels
         scale = math.sqrt(most / (width * height))
         sides = (_multiple(scale * side, spec.multiple_of) for side in (width, height))
@@ -271,7 +271,7 @@ def _longest_side_multiples(spec: InputSpec, width: float, height: float) -> tup
 
 def _own_size(spec: InputSpec, width: float, height: float) -> tuple[float, float]:
     """The sides of an image without the rest of its last multiple."""
-    scale, step = min(1.0, math.sqrt(MAX_INPUT_PIXELS / (width * height))), spec.multiple_of
+    scale, step = min(1.0, math.sqrt(_MAX_INPUT_PIXELS / (width * height))), spec.multiple_of
     return scale * width // step * step, scale * height // step * step
 
 

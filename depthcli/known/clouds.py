@@ -4,9 +4,8 @@ import json
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
-from io import BytesIO
+from io import BytesIO, StringIO
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
@@ -24,10 +23,9 @@ from depthcli.io.storage.paths import read_bytes
 from depthcli.known.points import KnownDepth
 
 _MAX_PX = 1e6  # columns and rows; points farther off the axis are in no image
-_Values = Float64Array
 
 
-def read_cloud(path: Path) -> _Values:
+def read_cloud(path: Path) -> Float64Array:
     """The points of a PLY, PCD or BIN: (N, 3) float64, as they are stored; NaN is no point."""
     data = read_bytes(path)
     try:
@@ -48,18 +46,18 @@ def read_cloud(path: Path) -> _Values:
         raise InputError(f"{path} is not a point cloud that can be read") from error
 
 
-def cloud_of_message(message: Any) -> _Values:  # noqa: ANN401 - of the bag's types
+def cloud_of_message(message: Any) -> Float64Array:  # noqa: ANN401 - of the bag's types
     """The points of a ``PointCloud2`` in its frame: (N, 3) float64; NaN is no point."""
     import pypcd4  # noqa: PLC0415 - an extra
 
     return _places(pypcd4.PointCloud.from_msg(message))
 
 
-def _places(scan: Any) -> _Values:  # noqa: ANN401 - of pypcd4
+def _places(scan: Any) -> Float64Array:  # noqa: ANN401 - of pypcd4
     return np.stack([scan.pc_data[axis] for axis in "xyz"], axis=-1).astype(np.float64)
 
 
-def projected(cloud_m: _Values, camera: Intrinsics) -> KnownDepth:
+def projected(cloud_m: Float64Array, camera: Intrinsics) -> KnownDepth:
     """Points (N, 3) of a camera's axes, x to the right, y down and z forward, in its image.
 
     Of several points in a pixel, the nearest counts. Points that are not finite, behind the camera
@@ -90,21 +88,13 @@ def projected(cloud_m: _Values, camera: Intrinsics) -> KnownDepth:
     return KnownDepth(x, y, depths_m[chosen], camera.size_px, warnings, may_be_outside=True)
 
 
-@dataclass(frozen=True, slots=True)
-class _Image:
+class _Image(NamedTuple):
     """What a reconstruction knows of an image."""
 
     pose: tuple[float, ...]  #: quaternion w, x, y, z and translation, from the world to the camera
     camera: int
     #: (N, 3): column and row from the corner of the first pixel, and point; -1 for none
-    sightings: _Values
-
-
-@dataclass(frozen=True, slots=True)
-class _Reconstruction:
-    sizes_px: dict[int, tuple[int, int]]  #: columns and rows of the images of each camera
-    images: dict[str, _Image]  #: by their paths
-    points: dict[int, tuple[float, float, float]]  #: places in the world
+    sightings: Float64Array
 
 
 def read_reconstruction(
@@ -114,22 +104,22 @@ def read_reconstruction(
 
     These are of cameras, images and points, binary or text; without ``units_per_m`` in their unit.
     """
-    model = _read(files, tuple(file.stat().st_mtime_ns for file in files))
+    changed = tuple(file.stat().st_mtime_ns for file in files)
+    sizes_px, images, points = _read(files, changed)
     folder = files[0].parent
     parts = PurePath(image).parts
-    names = [n for n in model.images if parts[-len(PurePath(n).parts) :] == PurePath(n).parts]
+    names = [n for n in images if parts[-len(PurePath(n).parts) :] == PurePath(n).parts]
     if not names:
         raise InputError(f"{folder} has no image {image.name}")
-    view = model.images[max(names, key=len)]
-    rows = [row for row in view.sightings.tolist() if int(row[2]) in model.points]
-    places = np.array([model.points[int(row[2])] for row in rows]).reshape(-1, 3)
+    view = images[max(names, key=len)]
+    rows = [row for row in view.sightings.tolist() if int(row[2]) in points]
+    places = np.array([points[int(row[2])] for row in rows]).reshape(-1, 3)
     depth = places @ rotation(*view.pose[:4])[2] + view.pose[6]
     depth_m = depth / (units_per_m or 1)
     is_before = (depth_m >= DEPTH_M_RANGE[0]) & (depth_m <= DEPTH_M_RANGE[1])
     if not is_before.any():
         raise InputError(f"{folder} has no points of {image.name}")
-    size_px = model.sizes_px[view.camera]
-    pixels, size_px = _as_shown(np.array(rows)[is_before, :2], size_px, image)
+    pixels, size_px = _as_shown(np.array(rows)[is_before, :2], sizes_px[view.camera], image)
     x, y = np.floor(pixels).astype(np.int64).T  # from the corner
     unit = Message(
         f"depth is in the unit of {folder}, which is not known",
@@ -142,8 +132,8 @@ def read_reconstruction(
 
 
 def _as_shown(
-    pixels: _Values, size_px: tuple[int, int], image: Path
-) -> tuple[_Values, tuple[int, int]]:
+    pixels: Float64Array, size_px: tuple[int, int], image: Path
+) -> tuple[Float64Array, tuple[int, int]]:
     """Pixels of an image as COLMAP reads it, which ignores EXIF, in the upright one."""
     data = read_bytes(image)
     if not data.startswith(JPEG_START):
@@ -154,7 +144,10 @@ def _as_shown(
 
 
 @lru_cache(maxsize=1)  # for all images of a batch
-def _read(files: tuple[Path, ...], changed: tuple[int, ...]) -> _Reconstruction:
+def _read(
+    files: tuple[Path, ...], changed: tuple[int, ...]
+) -> tuple[dict[int, tuple[int, int]], dict[str, _Image], dict[int, list[float]]]:
+    """Columns and rows of the images of each camera, images by path, and points in the world."""
     del changed
     data = [read_bytes(file) for file in files]
     try:
@@ -163,9 +156,10 @@ def _read(files: tuple[Path, ...], changed: tuple[int, ...]) -> _Reconstruction:
         else:
             texts = [part.decode() for part in data]
             cameras = [line.split() for line in _lines(texts[0]) if line.strip()]
-            images, points = _images_of_text(texts[1]), _points_of_text(texts[2])
+            rows = np.loadtxt(StringIO(texts[2]), usecols=range(4), ndmin=2).tolist()
+            images, points = _images_of_text(texts[1]), ((int(row[0]), row[1:]) for row in rows)
         sizes_px = {int(words[0]): (int(words[2]), int(words[3])) for words in cameras}
-        return _Reconstruction(sizes_px, dict(images), dict(points))
+        return sizes_px, dict(images), dict(points)
     except (ValueError, IndexError, struct.error) as error:
         raise InputError(
             f"{files[0].parent} is not a reconstruction of COLMAP that can be read"
@@ -188,13 +182,13 @@ def _images(data: bytes) -> Iterator[tuple[str, _Image]]:
         )
 
 
-def _points(data: bytes) -> Iterator[tuple[int, tuple[float, float, float]]]:
+def _points(data: bytes) -> Iterator[tuple[int, list[float]]]:
     at = 8
     for _ in range(*struct.unpack_from("<Q", data)):
         number, *place = struct.unpack_from("<Q3d", data, at)
         (views,) = struct.unpack_from("<Q", data, at + 43)  # after colour and error
         at += 51 + 8 * views
-        yield number, tuple(place)
+        yield number, place
 
 
 def _lines(text: str) -> Iterator[str]:
@@ -209,13 +203,6 @@ def _images_of_text(text: str) -> Iterator[tuple[str, _Image]]:
             _, *numbers, camera, name = line.split(maxsplit=9)
             sightings = np.array(next(lines, "").split(), np.float64).reshape(-1, 3)
             yield name.strip(), _Image(tuple(map(float, numbers)), int(camera), sightings)
-
-
-def _points_of_text(text: str) -> Iterator[tuple[int, tuple[float, float, float]]]:
-    for line in _lines(text):
-        if line.strip():
-            number, x, y, z, *_ = line.split(maxsplit=4)
-            yield int(number), (float(x), float(y), float(z))
 
 
 _SIZE = 4  # rows and columns of a rotation and a translation in one matrix
@@ -237,7 +224,7 @@ _UNDIRECTED = re.compile(r"transform(s|ation)?|pose|extrinsics?(_matrix)?")  # a
 class Extrinsics(NamedTuple):
     """The pose of a sensor in the camera."""
 
-    matrix: _Values  #: (4, 4): takes points of the sensor to the camera
+    matrix: Float64Array  #: (4, 4): takes points of the sensor to the camera
     warnings: tuple[str, ...] = ()  #: about frames that are stated
 
 
@@ -327,11 +314,10 @@ def _is_camera(frame: str) -> bool:
     return bool(_CAMERA.search(frame) and not _SENSOR.search(frame))
 
 
-def _directed(matrix: _Values, frames: _Frames) -> Extrinsics:
+def _directed(matrix: Float64Array, frames: _Frames) -> Extrinsics:
     """A pose that takes points of the first frame to the second, as one to the camera."""
     turn, (source, target) = matrix[:3, :3], frames
     is_pose = np.allclose(turn @ turn.T, np.eye(3), atol=_UNIT) and np.linalg.det(turn) > 0
-    is_pose &= bool(np.isfinite(matrix).all())
     if not is_pose or _is_camera(source) == _is_camera(target):
         raise ValueError(frames)
     camera = target if _is_camera(target) else source
@@ -343,14 +329,11 @@ def _directed(matrix: _Values, frames: _Frames) -> Extrinsics:
     return Extrinsics(np.asarray(np.linalg.inv(matrix), np.float64), (warning,))
 
 
-def matrix_of(numbers: Sequence[float]) -> _Values:
+def matrix_of(numbers: Sequence[float]) -> Float64Array:
     """3×4 or 4×4 numbers, or a translation and a quaternion, as (4, 4)."""
     values = np.array(numbers)
     if len(values) == _QUATERNION:
-        turn = values[3:] / np.linalg.norm(values[3:])
-        if not np.allclose(turn, values[3:], atol=_UNIT):
-            raise ValueError(numbers)
-        x, y, z, w = turn
+        x, y, z, w = values[3:] / np.linalg.norm(values[3:])
         values = np.column_stack([rotation(w, x, y, z), values[:3]]).ravel()
     rows = values.reshape(-1, _SIZE)
     if len(rows) == _SIZE and rows[3].tolist() != [0, 0, 0, 1]:
@@ -358,13 +341,13 @@ def matrix_of(numbers: Sequence[float]) -> _Values:
     return np.concatenate([rows[:3], np.eye(_SIZE)[3:]])
 
 
-def rotation(w: float, x: float, y: float, z: float) -> _Values:
+def rotation(w: float, x: float, y: float, z: float) -> Float64Array:
     """The matrix of a quaternion of length 1: (3, 3)."""
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + 2 * w * cross + 2 * cross @ cross)
 
 
-def _of_kitti(tree: Mapping[str, Any]) -> _Values:
+def _of_kitti(tree: Mapping[str, Any]) -> Float64Array:
     """From the lidar to the camera of reference, rectified, and to camera 2 beside it."""
     rectified, beside = np.eye(_SIZE), np.eye(_SIZE)
     if "R0_rect" in tree:

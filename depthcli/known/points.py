@@ -182,8 +182,6 @@ _ERROR_LAWS = {
     DepthFit.NETWORK: (5.04, 1.425, 0.782),
 }
 
-_Values = Float64Array
-
 
 class ScaleShift(NamedTuple):
     """target = scale · value + shift."""
@@ -196,9 +194,9 @@ class ScaleShift(NamedTuple):
 class Pairs:
     """Values and what they should become."""
 
-    values: _Values  #: (N,)
-    targets: _Values  #: (N,)
-    unit: _Values  #: (N,), above 0, in which the error of each pair is measured
+    values: Float64Array  #: (N,)
+    targets: Float64Array  #: (N,)
+    unit: Float64Array  #: (N,), above 0, in which the error of each pair is measured
     error_sd: float = 1.0  #: expected standard deviation of the errors, in their units
     shift_sd: float = math.inf  #: that of the shift, in the median unit; infinite if not known
     centre: float = field(init=False)  #: median of the absolute values; 1 if that is 0
@@ -208,7 +206,7 @@ class Pairs:
         object.__setattr__(self, "centre", float(np.median(np.abs(self.values))) or 1.0)
         object.__setattr__(self, "median_unit", float(np.median(self.unit)))
 
-    def errors(self, fit: ScaleShift) -> _Values:
+    def errors(self, fit: ScaleShift) -> Float64Array:
         """Absolute error of each pair, in its unit: (N,) float64."""
         return np.abs(fit.scale * self.values + fit.shift - self.targets) / self.unit
 
@@ -220,7 +218,7 @@ class Pairs:
         return Pairs(*some, self.error_sd, self.shift_sd)
 
 
-def least_squares(pairs: Pairs, weights: _Values | None = None) -> ScaleShift:
+def least_squares(pairs: Pairs, weights: Float64Array | None = None) -> ScaleShift:
     """The most probable scale and shift if all errors and the shift are normally distributed.
 
     Values are not all equal, or the shift is expected to be finite. Weights are (N,) float64.
@@ -235,7 +233,7 @@ def least_squares(pairs: Pairs, weights: _Values | None = None) -> ScaleShift:
     return ScaleShift(float(scale) / centre, float(shift) * unit)
 
 
-def robust(pairs: Pairs) -> tuple[ScaleShift, _Values]:
+def robust(pairs: Pairs) -> tuple[ScaleShift, Float64Array]:
     """Like :func:`least_squares`, but wrong pairs have no effect.
 
     An MM-like estimate: the least absolute errors, then iteratively reweighted least squares with
@@ -264,7 +262,7 @@ def robust(pairs: Pairs) -> tuple[ScaleShift, _Values]:
     return fit, _biweights(pairs.errors(fit) / width)
 
 
-def _biweights(errors: _Values) -> _Values:
+def _biweights(errors: Float64Array) -> Float64Array:
     """Tukey's biweight of errors, 0 from 1 on."""
     return (1 - np.minimum(errors, 1) ** 2) ** 2
 
@@ -355,7 +353,7 @@ def _error_with(error: Float32Array, x: Int64Array, y: Int64Array, how: DepthFit
 
 
 def _followed(
-    depth: DepthMap, points: KnownDepth, values: _Values, windows: Windows | None
+    depth: DepthMap, points: KnownDepth, values: Float64Array, windows: Windows | None
 ) -> tuple[DepthMap, BoolArray, DepthFit]:
     """Fitted depth, which points it follows, and how; ``values`` are its own at the points."""
     displayed, inverse = displayed_depth(depth, windows), depth.kind is DepthKind.INVERSE
@@ -405,30 +403,24 @@ def fitted(
 
 
 def _fit(
-    values: _Values, targets: _Values, kind: DepthKind, cells: Int64Array
+    values: Float64Array, targets: Float64Array, kind: DepthKind, cells: Int64Array
 ) -> tuple[ScaleShift, BoolArray]:
     """The best scale and shift, and which points it is fitted to.
 
     ``cells`` is the cell of a coarse grid that each point is in.
     """
     used = np.ones(len(values), np.bool_)
-    if len(values) == 1:
-        if values[0] <= 0:
-            raise UsageError(
-                f"the map's value at the known point is {values[0]:g}, not above 0, so it fits no "
-                "scale; give two points"
-            )
-        return ScaleShift(float(targets[0] / values[0]), 0.0), used
     if kind is DepthKind.METRIC:
         expected_m = values * np.median(targets / values)
         pairs = Pairs(values, targets, expected_m, ERROR_SD, SHIFT_SD)
-    elif np.ptp(values) > 0:
-        pairs = Pairs(values, targets, np.ones_like(values))
     else:
-        raise UsageError(
-            "all known points have the same depth in the map; spread them over the scene"
-        )
-    if len(values) < ROBUST_FROM:
+        pairs = Pairs(values, targets, np.ones_like(values))
+    if len(values) == 1:
+        fit = ScaleShift(float(targets[0] / values[0]), 0.0)
+    elif kind is not DepthKind.METRIC and np.ptp(values) == 0:
+        problem = "all known points have the same depth in the map"
+        raise UsageError(problem, "spread them over the scene")
+    elif len(values) < ROBUST_FROM:
         fit = least_squares(pairs)
     else:
         fit, weights = robust(pairs)

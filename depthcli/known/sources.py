@@ -95,8 +95,6 @@ def read_file(path: Path, files: KnownDepthFiles) -> KnownDepth:
 
 
 def _of_cloud(path: Path, files: KnownDepthFiles) -> KnownDepth:
-    if files.kind:
-        raise InputError(f"{path} has points in three dimensions", "remove {anchors_kind}")
     points = _placed(read_cloud(path), files)
     if not len(points):
         raise InputError(f"{path} has no point before the camera", "give its {extrinsics}")
@@ -201,7 +199,6 @@ _RULES = {
     _FRAME: Rule("the number of a frame", lambda n: 0 <= n < 1e12 and n == int(n)),  # noqa: PLR2004
     _TIME_S: Rule("seconds from the first frame", lambda s: abs(s) < 1e9),  # noqa: PLR2004
 }
-_Points = KnownDepth | Path
 
 
 class KnownDepthOfFrames:
@@ -227,7 +224,7 @@ class KnownDepthOfFrames:
         self._source, self._fit, self._within_s = source, fit, within_s
         self.paths = list[Path]()
         self._of_all: KnownDepth | None = None
-        self._each: Mapping[float, _Points] = {}
+        self._each: Mapping[float, KnownDepth | Path] = {}
         self._is_timed = False
         self._read = lru_cache(maxsize=2)(read_file)
         self._reading = defaultdict[Path, Lock](Lock)
@@ -253,7 +250,7 @@ class KnownDepthOfFrames:
 
         ``numbers_a_second`` is of images that are numbered by their times.
         """
-        points: _Points | None = self._of_all
+        points: KnownDepth | Path | None = self._of_all
         if self._each:
             keys, at = list(self._each), time_s if self._is_timed else number
             after = bisect_left(keys, at)

@@ -14,8 +14,6 @@ from depthcli.core.types import DepthCodec, DepthKind, Transform
 from depthcli.core.validation import FieldError, parsed_json, validated
 from depthcli.errors import ModelError
 
-MAX_INPUT_PIXELS = 2**24
-"""With more, the first layers of a network take more memory than machines have."""
 _MAX_SIDE = 2**15
 _Side: TypeAlias = Annotated[
     int, Rule(f"a whole number from 1 to {_MAX_SIDE}", lambda px: 1 <= px <= _MAX_SIDE)
@@ -336,18 +334,14 @@ class ModelCard:
             for file in (parsed, parsed.get("weights"), *others):
                 _read_file_facts(file)
             card = validated(cls, parsed)
-            _check_input(card.input)
-            _check_output(card)
+            _check(card)
         except FieldError as refused:
             raise ModelError(f"{where}: {refused}; correct the card or restore the model") from None
         return card
 
     def to_json(self) -> str:
         """The card as JSON text, readable by :meth:`from_json`."""
-        values = _stated(self)
-        text = json.dumps(
-            {"schema": SCHEMA, **values}, indent=2, ensure_ascii=False, allow_nan=False
-        )
+        text = json.dumps({"schema": SCHEMA, **_stated(self)}, indent=2, ensure_ascii=False)
         # JSON escapes only the first 32 control characters; terminals interpret others, too.
         return re.sub(_UNPRINTABLE, lambda match: f"\\u{ord(match[0]):04x}", text) + "\n"
 
@@ -385,7 +379,10 @@ def _read_file_facts(values: object) -> None:
         values["sha256"] = values["sha256"].lower()
 
 
-def _check_input(spec: InputSpec) -> None:
+def _check(card: ModelCard) -> None:
+    """Check what fields state together."""
+    spec, output, camera = card.input, card.output, card.camera
+    least_m, most_m = output.min_m, output.max_m
     for name, numbers in (("mean", spec.mean), ("std", spec.std)):
         if len(numbers) not in {1, spec.colour.channels}:
             raise FieldError("has to be one number, or one a channel", f"input.{name}")
@@ -395,12 +392,7 @@ def _check_input(spec: InputSpec) -> None:
         raise FieldError(f"is {spec.fit}, which needs a dynamic size", "input.fit")
     if spec.fit in _DYNAMIC_ONLY and spec.pixel_aspect != 1:
         raise FieldError(f"has to be 1 with a fit of {spec.fit}", "input.pixel_aspect")
-
-
-def _check_output(card: ModelCard) -> None:
-    output, camera = card.output, card.camera
-    least_m, most_m = output.min_m, output.max_m
-    if card.input.prompt and output.transform is not Transform.EXP:
+    if spec.prompt and output.transform is not Transform.EXP:
         raise FieldError(f"has to be {Transform.EXP} with a prompt", "output.transform")
     if output.kind is DepthKind.METRIC and (least_m is None or most_m is None):
         raise FieldError("and max_m have to be numbers, as the kind is metric", "output.min_m")

@@ -209,7 +209,8 @@ class ModelLocation(NamedTuple):
 def roots() -> tuple[Path, ...]:
     """Folders of models: the environment variable's, the user's, the bundled, a checkout's."""
     package = Path(__file__).resolve().parents[1]
-    folders = [*_variable_roots(), user_folder("data") / "models", package / "_bundled"]
+    stated = filter(None, os.environ.get(MODELS_VARIABLE, "").split(os.pathsep))
+    folders = [*map(Path, stated), user_folder("data") / "models", package / "_bundled"]
     if (package.parent / "pyproject.toml").is_file():
         folders.append(package.parent / "models")
     return tuple(folders)
@@ -217,7 +218,7 @@ def roots() -> tuple[Path, ...]:
 
 def user_root() -> Path:
     """The folder for installed models: the first of the environment variable, else the user's."""
-    return next(iter(_variable_roots()), user_folder("data") / "models")
+    return roots()[0]
 
 
 def list_locations() -> Iterator[tuple[str, ModelLocation]]:
@@ -248,11 +249,6 @@ def location_at(path: Path) -> ModelLocation | None:
             return ModelLocation(shared, onnx=path, card=shared)
         return ModelLocation(path, onnx=path, card=None)
     return None
-
-
-def _variable_roots() -> list[Path]:
-    folders = os.environ.get(MODELS_VARIABLE, "").split(os.pathsep)
-    return [Path(folder) for folder in folders if folder]
 
 
 MAX_BYTES = 2**31 - 1  # a protobuf message cannot be larger

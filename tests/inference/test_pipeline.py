@@ -93,6 +93,7 @@ def predicted(
     cameras: Sequence[Intrinsics] = (),
     anchors: Sequence[KnownDepth | None] = (),
 ) -> list[DepthMap]:
+    cameras, anchors = cameras or [UNKNOWN_CAMERA] * len(frames), anchors or [None] * len(frames)
     found = pipeline.predict_many(frames, cameras, anchors)
     assert all(isinstance(one, Prediction) for one in found)
     return [one.depth for one in found if isinstance(one, Prediction)]
@@ -112,7 +113,7 @@ def test_each_image_has_its_own_camera_and_anchors(kinect: Pipeline) -> None:
 
 def test_an_image_that_fails_does_not_stop_the_others_of_its_batch(kinect: Pipeline) -> None:
     outside = KnownDepth.of([Anchor(900, 4, 2.5)])
-    good, bad = kinect.predict_many([gray(90), gray(90)], anchors=[None, outside])
+    good, bad = kinect.predict_many([gray(90)] * 2, [UNKNOWN_CAMERA] * 2, [None, outside])
     assert isinstance(good, Prediction)
     assert isinstance(bad, InputError)
     with pytest.raises(InputError):
@@ -165,7 +166,7 @@ def test_known_depth_is_an_input_of_a_model_that_takes_it(prompted: Pipeline) ->
     """The relief of its map is then that of the points, beyond the range of the model alone."""
     points = KnownDepth(np.arange(0, 40, 8), np.arange(0, 30, 6), np.full(5, 40.0))
     known = [None, replace(points, fit=DepthFit.LOCAL), points]
-    found = prompted.predict_many([gray(0)] * 3, anchors=known)
+    found = prompted.predict_many([gray(0)] * 3, [UNKNOWN_CAMERA] * 3, known)
     reliefs = [np.ptp(np.log(one.depth.values)) for one in found]
     assert reliefs[0] == pytest.approx(0, abs=1e-4)
     assert reliefs[1] == pytest.approx(0, abs=1e-4)
@@ -180,7 +181,8 @@ def test_from_two_points_on_another_network_takes_them(
     two, one = (replace(many, x=many.x[:n], y=many.y[:n], depth_m=many.depth_m[:n]) for n in (2, 1))
     known = [None, one, two, many, replace(many, fit=DepthFit.LOCAL)]
     sources = [
-        one.depth.provenance for one in kinect.predict_many([gray(0, 48, 64)] * 5, anchors=known)
+        one.depth.provenance
+        for one in kinect.predict_many([gray(0, 48, 64)] * 5, [UNKNOWN_CAMERA] * 5, known)
     ]
     own, other = kinect.card.name, prompted.card.name
     assert [source.model for source in sources] == [own, own, other, other, own]
