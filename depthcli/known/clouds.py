@@ -333,7 +333,10 @@ def matrix_of(numbers: Sequence[float]) -> Float64Array:
     """3×4 or 4×4 numbers, or a translation and a quaternion, as (4, 4)."""
     values = np.array(numbers)
     if len(values) == _QUATERNION:
-        x, y, z, w = values[3:] / np.linalg.norm(values[3:])
+        turn = values[3:] / np.linalg.norm(values[3:])
+        if not np.allclose(turn, values[3:], atol=_UNIT):
+            raise ValueError(numbers)
+        x, y, z, w = turn
         values = np.column_stack([rotation(w, x, y, z), values[:3]]).ravel()
     rows = values.reshape(-1, _SIZE)
     if len(rows) == _SIZE and rows[3].tolist() != [0, 0, 0, 1]:

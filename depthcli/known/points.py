@@ -410,17 +410,23 @@ def _fit(
     ``cells`` is the cell of a coarse grid that each point is in.
     """
     used = np.ones(len(values), np.bool_)
+    if len(values) == 1:
+        if values[0] <= 0:
+            raise UsageError(
+                f"the map's value at the known point is {values[0]:g}, not above 0, so it fits no "
+                "scale; give two points"
+            )
+        return ScaleShift(float(targets[0] / values[0]), 0.0), used
     if kind is DepthKind.METRIC:
         expected_m = values * np.median(targets / values)
         pairs = Pairs(values, targets, expected_m, ERROR_SD, SHIFT_SD)
-    else:
+    elif np.ptp(values) > 0:
         pairs = Pairs(values, targets, np.ones_like(values))
-    if len(values) == 1:
-        fit = ScaleShift(float(targets[0] / values[0]), 0.0)
-    elif kind is not DepthKind.METRIC and np.ptp(values) == 0:
-        problem = "all known points have the same depth in the map"
-        raise UsageError(problem, "spread them over the scene")
-    elif len(values) < ROBUST_FROM:
+    else:
+        raise UsageError(
+            "all known points have the same depth in the map; spread them over the scene"
+        )
+    if len(values) < ROBUST_FROM:
         fit = least_squares(pairs)
     else:
         fit, weights = robust(pairs)

@@ -95,6 +95,8 @@ def read_file(path: Path, files: KnownDepthFiles) -> KnownDepth:
 
 
 def _of_cloud(path: Path, files: KnownDepthFiles) -> KnownDepth:
+    if files.kind:
+        raise InputError(f"{path} has points in three dimensions", "remove {anchors_kind}")
     points = _placed(read_cloud(path), files)
     if not len(points):
         raise InputError(f"{path} has no point before the camera", "give its {extrinsics}")

@@ -280,6 +280,7 @@ def test_extrinsics_that_state_the_pose_of_the_camera_are_turned_round(
         TF.replace("camera_optical", "zed_left_camera_frame"),  # x forward; of depth cameras
         f"T_cam_imu: [{ROWS.replace(' ', ', ')}]",  # of Kalibr: an IMU's, not a lidar's
         f"T_BS: {{rows: 3, cols: 4, data: [{ROWS.replace(' ', ', ')}]}}",  # of EuRoC
+        "0 0 0 1 1 1 1",
         "x: 1",
         "2 0 0 0 0 2 0 0 0 0 2 0",
         "1 0 0 0 0 1 0 0 0 0 -1 0",
