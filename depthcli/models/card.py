@@ -386,8 +386,6 @@ def _check(card: ModelCard) -> None:
     for name, numbers in (("mean", spec.mean), ("std", spec.std)):
         if len(numbers) not in {1, spec.colour.channels}:
             raise FieldError("has to be one number, or one a channel", f"input.{name}")
-    if spec.width * spec.height > MAX_INPUT_PIXELS:
-        raise FieldError(f"times height is more than {MAX_INPUT_PIXELS:,} pixels", "input.width")
     if spec.fit in _DYNAMIC_ONLY and not spec.dynamic:
         raise FieldError(f"is {spec.fit}, which needs a dynamic size", "input.fit")
     if spec.fit in _DYNAMIC_ONLY and spec.pixel_aspect != 1:
