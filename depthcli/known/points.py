@@ -335,9 +335,8 @@ def fit_known_depth(
         share = f"{100 * lost / depth.values.size:.3g} %"
         place = "at or beyond infinity" if depth.kind is DepthKind.INVERSE else "at or below 0 m"
         warnings += (f"{lost} pixels ({share}) are {place} after the fit and have no depth",)
-    error = depth.error
-    if error is not None:
-        error = _error_with(error, *pixels_of(points.where(used), windows), how)
+    places = pixels_of(points.where(used), windows)
+    error = None if depth.error is None else _error_with(depth.error, *places, how)
     return replace(result, provenance=source, error=error), warnings
 
 

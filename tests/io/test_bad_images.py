@@ -88,7 +88,7 @@ def test_decompression_bomb_and_empty_image_are_refused(
     struct.pack_into(form, data, at, 50_000, 50_000)
     assert "50000×50000" in reason(bytes(data))
     struct.pack_into(form, data, at, 0, 0)
-    assert reason(bytes(data))
+    assert "0×0" in reason(bytes(data))
 
 
 UNUSUAL = {

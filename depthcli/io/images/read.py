@@ -125,8 +125,9 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
         raise InputError(f"{name} is not an image ({formats})", advice)
     with reader_errors(name):
         header = container.call("{}_header", data)
-    width, height = header.width, header.height
-    check_pixel_count(name, width, height, max_pixels)
+    if min(header.width, header.height) <= 0:
+        raise InputError(f"{name} claims {header.width}×{header.height} pixels", "it is empty")
+    check_pixel_count(name, header.width, header.height, max_pixels)
     return CheckedImage(data, name, header, container)
 
 
