@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
+from helpers import made
 from helpers.bad_images import HEIGHT, JPEGS, PIXELS, WIDTH, encoded
 from helpers.command_line import ROOT
 from helpers.heifs import heic
@@ -218,3 +219,9 @@ def test_an_avif_is_as_large_as_it_claims() -> None:
     assert data.count(claim) == 1
     small = data.replace(claim, b"ispe" + struct.pack(">III", 0, 16, 16))
     assert "is damaged" in reason(small, max_pixels=1000)
+
+
+def test_a_tiff_of_colours_in_a_single_channel_is_refused() -> None:
+    """OpenCV left two thirds of a TIFF without its tag of channels as memory of other images."""
+    with pytest.raises(InputError, match="colours in 1 channels"):
+        read_image(None, made.tiff(WORDS[..., 0], photometric=2))

@@ -203,7 +203,7 @@ _GDAL_NODATA = 42113
 _COMPRESSIONS_OF_OPENCV = frozenset({1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946, 34676, 34677})
 _UNCOMPRESSED, _DEFLATE = 1, (8, 32946)
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _PLANAR, _FLOAT = 0, 1, 2, 2, 3
-_SUBSAMPLED = 6  # a photometric interpretation
+_SUBSAMPLED, _CHANNELS = 6, {_RGB: 3, 5: 4, 6: 3}  # by photometric interpretation, at least
 _STRIPS, _TILES = (273, 279), (324, 325)  # offsets and bytes of each
 _MISSING = InputError("is damaged (strips or tiles of the TIFF are missing)", "copy it again")
 
@@ -277,6 +277,8 @@ def _check_content(data: bytes, tags: Mapping[int, int]) -> None:
     It passes over libtiff's errors in images of 8 bits, so Deflate is decompressed here as well.
     """
     channels, photometric = tags.get(_SAMPLES, 1), tags.get(_PHOTOMETRIC, _BLACK_IS_ZERO)
+    if channels < _CHANNELS.get(photometric, 1):
+        raise InputError(f"is damaged (colours in {channels} channels)", "copy it again")
     width, height = tags[_WIDTH], tags[_HEIGHT]
     across, down = tags.get(_TILE_WIDTH, width), tags.get(_TILE_HEIGHT)
     names = _STRIPS if down is None else _TILES
