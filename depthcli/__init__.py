@@ -10,8 +10,6 @@ The Python API, loaded name by name when it is used; docs/python.md tells more::
     depth.save("room.exr")
 """
 
-from __future__ import annotations
-
 from depthcli._version import __version__ as __version__
 
 # The stable names by module; one that is not here may change at any time. Their types are in

@@ -10,30 +10,19 @@ from typing import BinaryIO, Literal, Self, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 
-from depthcli.core import types
-from depthcli.core.arrays import AnyArray, UInt8Array
-from depthcli.core.camera import Anchor, CameraSource, Intrinsics
+from depthcli.core import camera, types
 from depthcli.core.options import Colormap, DepthFit, Near, chosen, short_repr
 from depthcli.core.surface import PointCloud, surface_of
-from depthcli.core.types import with_camera
 from depthcli.errors import DepthcliWarning, UsageError
+from depthcli.io.formats import table
 from depthcli.io.formats.preview import HtmlWriter, PreviewWriter
-from depthcli.io.formats.table import (
-    FILE_SUFFIXES,
-    Format,
-    Writer,
-    format_of,
-    with_members,
-    writer_class,
-)
 from depthcli.io.guard import Guard
 from depthcli.io.images.png import encode_png
-from depthcli.io.storage.atomic import atomic_path, temporary_folder
-from depthcli.io.storage.paths import path_of
+from depthcli.io.storage import atomic, paths
 from depthcli.known.points import KnownDepth, fit_known_depth
 
-AnchorLike: TypeAlias = Anchor | tuple[int, int, float]
-Anchors: TypeAlias = Sequence[AnchorLike] | AnyArray | types.DepthMap
+AnchorLike: TypeAlias = camera.Anchor | tuple[int, int, float]
+Anchors: TypeAlias = Sequence[AnchorLike] | types.AnyArray | types.DepthMap
 CAMERA = ("focal_px", "hfov_deg", "centre_px")  #: options of all formats that have a camera
 _RANK, _COLUMNS = 2, 3
 
@@ -126,7 +115,7 @@ class DepthMap(types.DepthMap):
         return self.provenance.centre_px
 
     @property
-    def camera_source(self) -> CameraSource | None:
+    def camera_source(self) -> camera.CameraSource | None:
         """Where the focal length comes from: given, EXIF, the network, or the model's card."""
         return self.provenance.camera_source
 
@@ -136,7 +125,7 @@ class DepthMap(types.DepthMap):
         return self.provenance.time_s
 
     @property
-    def anchors(self) -> tuple[Anchor, ...]:
+    def anchors(self) -> tuple[camera.Anchor, ...]:
         """The listed points that metres were fitted to; empty if known depth was a map."""
         return self.provenance.anchors
 
@@ -193,11 +182,11 @@ class DepthMap(types.DepthMap):
         """
         if not self.is_metric:
             raise UsageError(f"{self.kind} depth has no metres", "fit it to known points")
-        depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg, centre_px))
+        depth = types.with_camera(self, camera.Intrinsics.given(focal_px, hfov_deg, centre_px))
         source = depth.provenance
         if source.focal_px is None and not source.projection.is_other:
             raise UsageError("no focal length is known; give focal_px or hfov_deg")
-        if source.camera_source is CameraSource.CARD:
+        if source.camera_source is camera.CameraSource.CARD:
             warn_all(["no focal length is known; the points assume the camera the model learned"])
         surface = surface_of(
             depth,
@@ -218,7 +207,7 @@ class DepthMap(types.DepthMap):
         vmin: float | None = None,
         vmax: float | None = None,
         legend: bool = False,
-    ) -> UInt8Array:
+    ) -> types.UInt8Array:
         """The map in the colours of a colormap, over inverse depth.
 
         Args:
@@ -255,7 +244,7 @@ class DepthMap(types.DepthMap):
         Raises:
             OutputError: the map has no metres, or no point within the limit.
         """
-        depth = with_camera(self, Intrinsics.given(focal_px, hfov_deg))
+        depth = types.with_camera(self, camera.Intrinsics.given(focal_px, hfov_deg))
         writer = HtmlWriter(stride=stride, max_depth_m=max_depth_m, keep_edges=keep_edges)
         page, messages = writer.render(depth, self.frame)
         warn_all(messages)
@@ -295,12 +284,12 @@ class DepthMap(types.DepthMap):
             UsageError: the suffix chooses no format, or an option is not for that format.
         """
         if isinstance(path, (str, os.PathLike)):
-            file = path_of(path)
+            file = paths.path_of(path)
         else:
             file = Path(str(getattr(path, "name", "an open file without a name")))
-        name = format_of(file)
+        name = table.format_of(file)
         if name is None:
-            known = ", ".join(FILE_SUFFIXES)
+            known = ", ".join(table.FILE_SUFFIXES)
             raise UsageError(f"{file} has no suffix that selects a format; use {known}")
         if not isinstance(path, (str, os.PathLike)):
             data, messages = self._encoded(name, options)
@@ -309,34 +298,38 @@ class DepthMap(types.DepthMap):
             depth, writer = self._writer(name, options)
             inputs = () if self.frame is None or self.frame.path is None else (self.frame.path,)
             Guard.of(inputs, overwrite=overwrite).check(file)
-            with atomic_path(file) as temporary:
+            with atomic.atomic_path(file) as temporary:
                 messages = writer.write(depth, temporary, self.frame)
         warn_all(messages, file)
 
     def to_bytes(self, kind: str, **options: Unpack[SaveOptions]) -> bytes:
         """The content of a file of a format, such as ``png16``; else as :meth:`save`."""
-        data, messages = self._encoded(chosen(Format, kind, "the format"), options)
+        data, messages = self._encoded(chosen(table.Format, kind, "the format"), options)
         warn_all(messages)
         return data
 
-    def _encoded(self, name: Format, options: SaveOptions) -> tuple[bytes, tuple[str, ...]]:
+    def _encoded(self, name: table.Format, options: SaveOptions) -> tuple[bytes, tuple[str, ...]]:
         depth, writer = self._writer(name, options)
-        with temporary_folder() as folder:
+        with atomic.temporary_folder() as folder:
             path = folder / f"depth{name.facts.suffix}"
             messages = writer.write(depth, path, self.frame)
             return path.read_bytes(), messages
 
-    def _writer(self, name: Format, options: SaveOptions) -> tuple[types.DepthMap, Writer]:
+    def _writer(
+        self, name: table.Format, options: SaveOptions
+    ) -> tuple[types.DepthMap, table.Writer]:
         """The map with a camera, and the writer of a format with its options."""
-        values = with_members(options)
-        depth = with_camera(self, Intrinsics.given(*(values.pop(each, None) for each in CAMERA)))
+        values = table.with_members(options)
+        depth = types.with_camera(
+            self, camera.Intrinsics.given(*(values.pop(each, None) for each in CAMERA))
+        )
         if depth is not self and not name.facts.has_camera:
             raise UsageError(f"{name.facts.suffix} states no camera", "leave it out")
         is_normalized = any(values.get(each) for each in ("png_normalize", "png_inverse"))
         used = {each for each, value in values.items() if value is not False}
         if others := used - {*name.facts.fields(is_normalized=is_normalized)}:
             raise UsageError(f"{min(others)} is not for {name.facts.suffix}")
-        return depth, writer_class(name)(**{each: values[each] for each in used})
+        return depth, table.writer_class(name)(**{each: values[each] for each in used})
 
 
 def known_depth_of(anchors: Anchors, fit: str | None) -> KnownDepth:
@@ -347,11 +340,11 @@ def known_depth_of(anchors: Anchors, fit: str | None) -> KnownDepth:
         known = KnownDepth.of_map(anchors.values)
     elif not isinstance(anchors, np.ndarray):
         try:
-            table = np.array([(x, y, depth_m) for x, y, depth_m in anchors], float).reshape(-1, 3)
+            rows = np.array([(x, y, depth_m) for x, y, depth_m in anchors], float).reshape(-1, 3)
         except (TypeError, ValueError) as error:
             problem = f"anchors are (column, row, metres), not {short_repr(anchors)}"
             raise UsageError(problem) from error
-        known = KnownDepth.of_table(table)
+        known = KnownDepth.of_table(rows)
     elif anchors.shape[1:] == (_COLUMNS,) and anchors.dtype.kind in "fiu":
         known = KnownDepth.of_table(anchors)
     elif anchors.ndim == _RANK and anchors.dtype.kind == "f":

@@ -5,9 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from depthcli.api.depth_map import DepthMap, warn_all
-from depthcli.core.camera import Intrinsics
+from depthcli.core import camera, types
 from depthcli.core.options import AS_STATED, MAX_PIXELS, DepthEncoding, Eye, ReadOptions, chosen
-from depthcli.core.types import Frame
 from depthcli.errors import InputError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.storage.paths import path_of
@@ -43,7 +42,7 @@ class VideoSource(video_frames.VideoSource):
         super().__init__(source, max_pixels=max_pixels, stream=stream, options=options)
         warn_all(self.warnings, source)
 
-    def frames(self, span: Span = WHOLE) -> Iterator[Frame]:
+    def frames(self, span: Span = WHOLE) -> Iterator[types.Frame]:
         """Frames of a span, with a warning at the end if any are missing."""
         yield from super().frames(span)
         if self.problem is not None:
@@ -90,7 +89,7 @@ def read_depth(
     options = DepthReadOptions(
         png_scale,
         None if kind is None else chosen(DepthEncoding, kind, "kind"),
-        camera=Intrinsics.given(focal_px, hfov_deg, centre_px),
+        camera=camera.Intrinsics.given(focal_px, hfov_deg, centre_px),
         baseline_m=baseline_m,
         layer=layer,
         frame=frame,

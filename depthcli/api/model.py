@@ -16,10 +16,8 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from depthcli.api.depth_map import Anchors, DepthMap, known_depth_of, warn_all
+from depthcli.core import options, parallel, types
 from depthcli.core.camera import Intrinsics
-from depthcli.core.options import DEFAULT_UPSAMPLING, UpsamplingOptions
-from depthcli.core.parallel import ordered_map
-from depthcli.core.types import Frame, displayed_frame
 from depthcli.errors import UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline
@@ -57,7 +55,7 @@ def _own(
 
 _Displayed: TypeAlias = tuple[DepthMap, tuple[str, ...]]
 _BATCH_RANK = 4
-_SINGLE = (str, bytes, bytearray, memoryview, os.PathLike, Frame)
+_SINGLE = (str, bytes, bytearray, memoryview, os.PathLike, types.Frame)
 
 
 def load_model(
@@ -65,7 +63,7 @@ def load_model(
     *,
     provider: str = AUTO,
     threads: int | None = None,
-    detail: UpsamplingOptions = DEFAULT_UPSAMPLING,
+    detail: options.UpsamplingOptions = options.DEFAULT_UPSAMPLING,
     provider_options: Mapping[str, str] | None = None,
 ) -> DepthModel:
     """Find and load a model.
@@ -213,7 +211,9 @@ class DepthModel:
                 for image, of_image in batch:
                     if isinstance(image, Exception):
                         raise image  # noqa: TRY301 - ended as by one that cannot be read
-                    frame = image if isinstance(image, Frame) else frame_of(image, white_level)
+                    frame = (
+                        image if isinstance(image, types.Frame) else frame_of(image, white_level)
+                    )
                     tasks.append(ImageTask(frame, camera, of_image))
             except Exception as error:  # noqa: BLE001 - raised at its position
                 problem.append(error)
@@ -226,13 +226,13 @@ class DepthModel:
 
         each = _own(zip(images, points_each, strict=anchors_each is not None), white_level)
         batches = iter(lambda: list(itertools.islice(each, batch_size)), [])
-        return _maps(ordered_map(predicted, batches, workers=workers))
+        return _maps(parallel.ordered_map(predicted, batches, workers=workers))
 
 
-def _displayed(done: ImageResult, frame: Frame) -> _Displayed:
+def _displayed(done: ImageResult, frame: types.Frame) -> _Displayed:
     """The map in the display window, and warnings."""
     texts = done.named_warnings(str(frame.path or "an image"))
-    return DepthMap.of(done.depth, displayed_frame(frame)), texts
+    return DepthMap.of(done.depth, types.displayed_frame(frame)), texts
 
 
 def _maps(batches: Generator[list[_Displayed | Exception], None, None]) -> Iterator[DepthMap]:

@@ -5,8 +5,6 @@ or clean-up code. So a signal removes temporary files and ends the process at on
 commands that shut down gracefully.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import select
@@ -23,8 +21,7 @@ from typer.core import TyperGroup, TyperOption
 from typer.main import get_command
 from typer.models import TyperPath
 
-from depthcli.cli import table
-from depthcli.cli.groups import USUAL
+from depthcli.cli import groups, table
 from depthcli.cli.screen import console
 from depthcli.core.options import suggestion
 from depthcli.core.parallel import Interrupt, run_exit_hooks
@@ -150,7 +147,7 @@ def load_command(name: str) -> Any:  # noqa: ANN401 - typer's own types
                 is_eager=True,
                 help="Use the options in the table [NAME] of depthcli.toml; options on the command "
                 "line override them.",
-                rich_help_panel=USUAL,
+                rich_help_panel=groups.USUAL,
             )
         )
     _add_common(command)

@@ -19,8 +19,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, FloatArray
-from depthcli.core.types import Frame
+from depthcli.core.types import BoolArray, Float32Array, Float64Array, FloatArray, Frame
 from depthcli.errors import Message
 
 

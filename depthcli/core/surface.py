@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.arrays import BoolArray, Float32Array, UInt8Array
 from depthcli.core.imageops import nearest_places
-from depthcli.core.types import DepthMap, panorama_rays
+from depthcli.core.types import BoolArray, DepthMap, Float32Array, UInt8Array, panorama_rays
 
 # Chosen on scenes with exact depth: of points more than 10 cm off any surface, one in eight
 # stays, and of the others, one in a hundred goes.

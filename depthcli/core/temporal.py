@@ -10,9 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.arrays import Float32Array
-from depthcli.core.imageops import luma, resize_area, resize_bilinear
-from depthcli.core.types import DepthKind, DepthMap
+from depthcli.core import imageops, types
 
 THUMBNAIL_PX = 192
 _BLUR_PX = 5
@@ -36,11 +34,11 @@ class Change:
 
     #: (h, w) float32 in [0, 1], of brightness averaged over 5×5 pixels of the thumbnail, against
     #: noise
-    difference: Float32Array
+    difference: types.Float32Array
     is_cut: bool  #: whether a new scene begins
 
     @property
-    def static_weight(self) -> Float32Array:
+    def static_weight(self) -> types.Float32Array:
         """(h, w) float32: 1 where nothing moves, 0 where brightness changes by 6 % or more.
 
         The largest change in the 3×3 neighbourhood counts, since depth changes around a moving
@@ -58,10 +56,10 @@ class ChangeDetector:
     """
 
     def __init__(self) -> None:
-        self._blurred: Float32Array | None = None
+        self._blurred: types.Float32Array | None = None
         self._mean_change = 0.0
 
-    def step(self, thumbnail: Float32Array) -> Change:
+    def step(self, thumbnail: types.Float32Array) -> Change:
         """The change to the next image's :func:`thumbnail`; the first image is a cut."""
         blurred = _blurred(thumbnail)
         before, self._blurred = self._blurred, blurred
@@ -75,31 +73,31 @@ class ChangeDetector:
         return Change(difference, is_cut)
 
 
-def thumbnail(pixels: npt.NDArray[np.generic]) -> Float32Array:
+def thumbnail(pixels: npt.NDArray[np.generic]) -> types.Float32Array:
     """An image's luma, its long side at most 192 pixels; (h, w) float32 in [0, 1]."""
     height, width = pixels.shape[:2]
     scale = min(1.0, THUMBNAIL_PX / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    return luma(resize_area(np.asarray(pixels), *size))
+    return imageops.luma(imageops.resize_area(np.asarray(pixels), *size))
 
 
-def _blurred(thumbnail: Float32Array) -> Float32Array:
+def _blurred(thumbnail: types.Float32Array) -> types.Float32Array:
     return np.asarray(cv2.blur(thumbnail, (_BLUR_PX, _BLUR_PX), borderType=_REPEAT), np.float32)
 
 
-def to_log(depth: DepthMap) -> Float32Array:
+def to_log(depth: types.DepthMap) -> types.Float32Array:
     """The logarithm of metres, whose differences mean the same near and far.
 
     Values without a unit are returned as they are. (H, W) float32, NaN where there is no depth.
     """
-    if depth.kind is not DepthKind.METRIC:
+    if depth.kind is not types.DepthKind.METRIC:
         return depth.values
     return np.log(np.where(depth.valid, depth.values, np.float32(np.nan)))
 
 
-def from_log(values: Float32Array, kind: DepthKind) -> Float32Array:
+def from_log(values: types.Float32Array, kind: types.DepthKind) -> types.Float32Array:
     """Inverse of :func:`to_log`; (H, W) float32 in and out."""
-    return np.exp(values) if kind is DepthKind.METRIC else values
+    return np.exp(values) if kind is types.DepthKind.METRIC else values
 
 
 def ema_decay(interval_s: float, time_constant_s: float) -> float:
@@ -110,16 +108,16 @@ def ema_decay(interval_s: float, time_constant_s: float) -> float:
 class Correction(NamedTuple):
     """Values that steady one frame, on a grid with cells of 3×3 pixels of the thumbnail."""
 
-    rise: Float32Array  #: (rows, columns) float32, to be added to its :func:`to_log`
+    rise: types.Float32Array  #: (rows, columns) float32, to be added to its :func:`to_log`
     #: (rows, columns) float32: 1 where nothing moves, 0 where motion explains the change
-    stillness: Float32Array
+    stillness: types.Float32Array
 
 
 class _Link(NamedTuple):
     """The change from a frame to the next of its scene."""
 
-    rise: Float32Array  # of depth before above depth now, along the motion
-    stillness: Float32Array
+    rise: types.Float32Array  # of depth before above depth now, along the motion
+    stillness: types.Float32Array
     decay: float  # of weights, over the time between the two; 0 for the first frame
 
 
@@ -140,12 +138,17 @@ class Deflicker:
     def __init__(self, look_ahead: int) -> None:
         self._look_ahead = look_ahead
         self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
-        self._before: tuple[Float32Array, Float32Array] | None = None
+        self._before: tuple[types.Float32Array, types.Float32Array] | None = None
         self._past: deque[_Link] = deque(maxlen=look_ahead or _MAX_PAST)
         self._waiting: deque[_Link] = deque()
 
     def step(
-        self, thumbnail: Float32Array, values: Float32Array, decay: float, *, is_cut: bool
+        self,
+        thumbnail: types.Float32Array,
+        values: types.Float32Array,
+        decay: float,
+        *,
+        is_cut: bool,
     ) -> list[Correction]:
         """Take the next frame; return what is now known of frames before it and of it, in order.
 
@@ -181,11 +184,11 @@ class Deflicker:
 
     def _change(
         self,
-        image_before: Float32Array,
-        before: Float32Array,
-        image: Float32Array,
-        values: Float32Array,
-    ) -> tuple[Float32Array, Float32Array]:
+        image_before: types.Float32Array,
+        before: types.Float32Array,
+        image: types.Float32Array,
+        values: types.Float32Array,
+    ) -> tuple[types.Float32Array, types.Float32Array]:
         """Rise and stillness between two frames, on the grid."""
         height, width = values.shape
         x_px, y_px = self._motion(image_before, image)
@@ -205,7 +208,7 @@ class Deflicker:
         fine = np.dstack([np.where(is_known, rise, 0), is_known, still * still, moved * moved])
         cells = max(1, width // _CELL_PX), max(1, height // _CELL_PX)
         coarse = cv2.GaussianBlur(
-            resize_area(fine.astype(np.float32), *cells), (0, 0), 1.0, borderType=_REPEAT
+            imageops.resize_area(fine.astype(np.float32), *cells), (0, 0), 1.0, borderType=_REPEAT
         )
         total, share, still, moved = np.moveaxis(coarse, -1, 0)
         mean = total / np.maximum(share, np.float32(_MIN_SHARE))
@@ -213,8 +216,8 @@ class Deflicker:
         return mean, np.asarray(np.clip((left - _MOVING_SHARE) / (1 - _MOVING_SHARE), 0, 1))
 
     def _motion(
-        self, before: Float32Array, image: Float32Array
-    ) -> tuple[Float32Array, Float32Array]:
+        self, before: types.Float32Array, image: types.Float32Array
+    ) -> tuple[types.Float32Array, types.Float32Array]:
         """Columns and rows from each pixel to its place in the image before; 0 in small ones."""
         if min(image.shape) < _MIN_FLOW_PX:
             return np.zeros_like(image), np.zeros_like(image)
@@ -223,7 +226,9 @@ class Deflicker:
         return np.ascontiguousarray(flow[..., 0]), np.ascontiguousarray(flow[..., 1])
 
 
-def _rise_to_trend(past: Sequence[_Link], future: Sequence[_Link], has_trend: bool) -> Float32Array:
+def _rise_to_trend(
+    past: Sequence[_Link], future: Sequence[_Link], has_trend: bool
+) -> types.Float32Array:
     """Rise of the mean of frames, or of a straight line through them, above the last one of past.
 
     Links lead from that one to those before it, and to those after it. A frame's weight is the
@@ -259,23 +264,23 @@ class Smoother:
     """
 
     def __init__(self) -> None:
-        self._before: Float32Array | None = None
+        self._before: types.Float32Array | None = None
 
     def step(
-        self, values: Float32Array, change: Change, correction: Correction, decay: float
-    ) -> Float32Array:
+        self, values: types.Float32Array, change: Change, correction: Correction, decay: float
+    ) -> types.Float32Array:
         """Steady and smooth the next frame, (H, W) float32 of :func:`to_log`; NaN stays NaN.
 
         ``decay`` is the weight of the past where nothing moves; see :func:`ema_decay`.
         """
         height, width = values.shape
-        values = values + resize_bilinear(correction.rise, width, height)
+        values = values + imageops.resize_bilinear(correction.rise, width, height)
         before = self._before
         if before is None or change.is_cut or before.shape != values.shape:
             self._before = values
             return values
-        still = resize_bilinear(correction.stillness, *change.difference.shape[::-1])
-        share = resize_bilinear(change.static_weight * still, width, height)
+        still = imageops.resize_bilinear(correction.stillness, *change.difference.shape[::-1])
+        share = imageops.resize_bilinear(change.static_weight * still, width, height)
         rise = (before - values) * share * np.float32(decay)
         rise[np.isnan(rise)] = 0  # nothing before, or nothing now
         self._before = values + rise
@@ -291,19 +296,19 @@ class FlickerMeter:
     the frame instead.
     """
 
-    def __init__(self, kind: DepthKind) -> None:
+    def __init__(self, kind: types.DepthKind) -> None:
         self._kind = kind
-        self._before: Float32Array | None = None
+        self._before: types.Float32Array | None = None
         self._sum = 0.0
         self._count = 0
 
-    def step(self, values: Float32Array, change: Change) -> None:
+    def step(self, values: types.Float32Array, change: Change) -> None:
         """Add a frame: (h, w) float32 of :func:`to_log`, at the size of the thumbnail."""
         before, self._before = self._before, values
         if before is None or change.is_cut:
             return
         finite, unit = values[np.isfinite(values)], np.float32(1)
-        if self._kind is not DepthKind.METRIC and finite.size:
+        if self._kind is not types.DepthKind.METRIC and finite.size:
             unit = np.float32(finite.max() - finite.min() or 1)
         changed = np.abs(values - before)[change.difference < _STATIC_DIFFERENCE] / unit
         changed = changed[np.isfinite(changed)]
@@ -316,7 +321,7 @@ class FlickerMeter:
         return self._sum / self._count if self._count else None
 
 
-def sample_cells(values: Float32Array, shape: tuple[int, ...]) -> Float32Array:
+def sample_cells(values: types.Float32Array, shape: tuple[int, ...]) -> types.Float32Array:
     """The values at the middle of each cell of a coarser grid; (H, W) to ``shape``, float32."""
     rows, columns = (
         ((np.arange(n) + 0.5) * size / n).astype(int)

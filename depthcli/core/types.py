@@ -1,26 +1,27 @@
-"""The central types: an image (input), a network's codec, and a depth map (output)."""
+"""The central types: arrays, an image (input), a network's codec, and a depth map (output)."""
 
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.arrays import (
-    AnyArray,
-    BoolArray,
-    Float32Array,
-    FloatArray,
-    UInt8Array,
-    UInt16Array,
-)
 from depthcli.core.camera import Anchor, CameraScale, CameraSource, Intrinsics
 from depthcli.core.options import DepthFit, Projection, chosen
 from depthcli.errors import InputError
+
+Float32Array: TypeAlias = npt.NDArray[np.float32]
+Float64Array: TypeAlias = npt.NDArray[np.float64]
+FloatArray: TypeAlias = npt.NDArray[np.floating]
+BoolArray: TypeAlias = npt.NDArray[np.bool_]
+Int64Array: TypeAlias = npt.NDArray[np.int64]
+UInt8Array: TypeAlias = npt.NDArray[np.uint8]
+UInt16Array: TypeAlias = npt.NDArray[np.uint16]
+AnyArray: TypeAlias = npt.NDArray[Any]
 
 _GRAY_RANK, _RGB = 2, 3
 # Colours out of gamut and resampling make some negatives; an image in [-1, 1] has many.

@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from depthcli.core import options
-from depthcli.core.arrays import BoolArray, Float32Array
+from depthcli.core import options, types
 from depthcli.core.camera import (
     DEPTH_M_RANGE,
     UNKNOWN_CAMERA,
@@ -20,7 +19,6 @@ from depthcli.core.camera import (
     hfov_deg,
 )
 from depthcli.core.options import DEFAULT_UPSAMPLING, DepthMask, UpsamplingOptions
-from depthcli.core.types import DepthMap, Frame, Provenance, masked_to_data_window
 from depthcli.errors import InputError, Message, ModelError, UsageError
 from depthcli.inference import transforms
 from depthcli.inference.session import RawOutputs, Session
@@ -40,7 +38,7 @@ class Prediction(NamedTuple):
     """The depth of an image."""
 
     #: of every pixel of its frame, also of those outside the display window of an EXR
-    depth: DepthMap
+    depth: types.DepthMap
     warnings: tuple[str, ...]  #: about the map and its fit to known points, one line each
 
 
@@ -53,7 +51,10 @@ class Pipeline:
         self.detail = detail
 
     def predict(
-        self, frame: Frame, camera: Intrinsics = UNKNOWN_CAMERA, anchors: KnownDepth | None = None
+        self,
+        frame: types.Frame,
+        camera: Intrinsics = UNKNOWN_CAMERA,
+        anchors: KnownDepth | None = None,
     ) -> Prediction:
         """Depth of every pixel of an image.
 
@@ -77,7 +78,7 @@ class Pipeline:
 
     def predict_many(
         self,
-        frames: Sequence[Frame],
+        frames: Sequence[types.Frame],
         cameras: Sequence[Intrinsics],
         anchors: Sequence[KnownDepth | None],
     ) -> list[Prediction | Exception]:
@@ -95,7 +96,7 @@ class Pipeline:
 
     def _predict_batch(
         self,
-        frames: Sequence[Frame],
+        frames: Sequence[types.Frame],
         cameras: Sequence[Intrinsics],
         known_depth: Sequence[KnownDepth | None],
     ) -> list[Prediction]:
@@ -137,7 +138,7 @@ class Pipeline:
         return [_finished(one, f, points, followed) for (one, followed), f, points in parts]
 
     def _alone(
-        self, frame: Frame, camera: Intrinsics, known_depth: KnownDepth | None
+        self, frame: types.Frame, camera: Intrinsics, known_depth: KnownDepth | None
     ) -> Prediction:
         """Depth of a panorama, or by the network that takes known depth where there is enough."""
         if frame.projection.is_other:
@@ -146,7 +147,7 @@ class Pipeline:
         pipeline = self if session is None else Pipeline(session, self.detail)
         return pipeline.predict(frame, camera, known_depth)
 
-    def _for_network(self, frame: Frame, known_depth: KnownDepth | None) -> KnownDepth | None:
+    def _for_network(self, frame: types.Frame, known_depth: KnownDepth | None) -> KnownDepth | None:
         """Known depth for the network; None if it takes none, or there is too little."""
         if known_depth is None or not _is_for_network(known_depth):
             if self.card.input.known_depth is not None:
@@ -169,12 +170,12 @@ class Pipeline:
 
     def _model_depth(
         self,
-        frame: Frame,
+        frame: types.Frame,
         raw: RawOutputs,
         layout: transforms.Layout,
         camera: Intrinsics,
         points: KnownDepth | None,
-    ) -> tuple[Prediction, BoolArray | None]:
+    ) -> tuple[Prediction, types.BoolArray | None]:
         """Depth at the image's size, as the model and the camera, or known depth, give it.
 
         Of known depth, also which points it follows: (N,).
@@ -212,11 +213,11 @@ class Pipeline:
         if self.detail.mask is DepthMask.MODEL and spec.mask and raw.mask is not None:
             values[transforms.without_depth(spec.mask, raw.mask, layout, frame)] = np.nan
         source = self._provenance(frame, (layout.width, layout.height), camera)
-        depth = DepthMap(values, self.card.output.kind, source, self._error(frame))
+        depth = types.DepthMap(values, self.card.output.kind, source, self._error(frame))
         warnings = _range_warnings(spec, depth, scale)
         return Prediction(depth, warnings), followed
 
-    def _error(self, frame: Frame) -> Float32Array | None:
+    def _error(self, frame: types.Frame) -> types.Float32Array | None:
         """The relative error that the depth of an image is expected to have, (H, W) float32."""
         if not self.detail.error or self.session.load_error is None:
             return None
@@ -225,7 +226,7 @@ class Pipeline:
         bilinear = options.Upsampling.BILINEAR
         return transforms.full_size(session.model.card.output, coarse, frame, bilinear)
 
-    def _calibrated(self, depth_m: Float32Array, scale: CameraScale) -> Float32Array:
+    def _calibrated(self, depth_m: types.Float32Array, scale: CameraScale) -> types.Float32Array:
         """Metres corrected as it was measured for a camera; NaN where none are left."""
         if scale.model_sha256 != self.session.model.sha256:
             problem = f"camera {scale.name!r} was calibrated with another model, {scale.model!r}"
@@ -233,7 +234,7 @@ class Pipeline:
         corrected_m = depth_m * np.float32(scale.scale) + np.float32(scale.shift_m)
         return np.where(corrected_m > 0, corrected_m, np.float32(np.nan))
 
-    def _panorama(self, frame: Frame, camera: Intrinsics) -> Prediction:
+    def _panorama(self, frame: types.Frame, camera: Intrinsics) -> Prediction:
         from depthcli.inference.tiles import HFOV_DEG, panorama_distance  # noqa: PLC0415 - rare
 
         if camera.has_focal or camera.centre_px:
@@ -244,7 +245,7 @@ class Pipeline:
             raise InputError(problem, "give another {model}")
         view, size_px = Intrinsics(hfov_deg=HFOV_DEG), (0, 0)
 
-        def predict(view_frame: Frame) -> Float32Array:
+        def predict(view_frame: types.Frame) -> types.Float32Array:
             nonlocal size_px
             depth = self._predict_batch([view_frame], [view], [None])[0].depth
             size_px = depth.provenance.input_size_px or size_px
@@ -252,11 +253,11 @@ class Pipeline:
 
         values = panorama_distance(frame, predict)
         source = self._provenance(frame, size_px, UNKNOWN_CAMERA)
-        return Prediction(DepthMap(values, self.card.output.kind, source), ())
+        return Prediction(types.DepthMap(values, self.card.output.kind, source), ())
 
     def _camera_matrix(
-        self, frame: Frame, layout: transforms.Layout, camera: Intrinsics
-    ) -> Float32Array | None:
+        self, frame: types.Frame, layout: transforms.Layout, camera: Intrinsics
+    ) -> types.Float32Array | None:
         """The camera in pixels of the network's input, (3, 3); None if the network takes none."""
         if self.card.input.camera_matrix is None:
             return None
@@ -272,9 +273,9 @@ class Pipeline:
 
     def _run(
         self,
-        inputs: Sequence[Float32Array],
-        known_depth: Sequence[Float32Array | None],
-        matrices: Sequence[Float32Array | None],
+        inputs: Sequence[types.Float32Array],
+        known_depth: Sequence[types.Float32Array | None],
+        matrices: Sequence[types.Float32Array | None],
     ) -> list[RawOutputs]:
         """The network's output for each (1, C, H, W) input, batched by size.
 
@@ -293,9 +294,9 @@ class Pipeline:
         return [outputs[i] for i in range(len(inputs))]
 
     def _provenance(
-        self, frame: Frame, input_size_px: tuple[int, int], camera: Intrinsics
-    ) -> Provenance:
-        return Provenance(
+        self, frame: types.Frame, input_size_px: tuple[int, int], camera: Intrinsics
+    ) -> types.Provenance:
+        return types.Provenance(
             model=self.card.name,
             model_sha256=self.session.model.sha256,
             input_size_px=input_size_px,
@@ -310,7 +311,7 @@ class Pipeline:
         )
 
 
-def _coarse(session: Session, frame: Frame) -> Float32Array:
+def _coarse(session: Session, frame: types.Frame) -> types.Float32Array:
     """Depth of an image at the network's size, (h, w), without a camera or known depth."""
     batch, layout = transforms.prepare(session.model.card.input, frame)
     return transforms.coarse_depth(session.model.card.output, session.run(batch)[0], layout)
@@ -323,7 +324,9 @@ def _is_for_network(known_depth: KnownDepth | None) -> bool:
     return bool(known_depth and known_depth.fit is options.DepthFit.NETWORK)
 
 
-def _of_points(spec: OutputSpec, raw: RawOutputs, camera: Intrinsics, frame: Frame) -> RawOutputs:
+def _of_points(
+    spec: OutputSpec, raw: RawOutputs, camera: Intrinsics, frame: types.Frame
+) -> RawOutputs:
     """Outputs with depth and a field of view in place of points."""
     from depthcli.inference.point_map import depth_of_points  # noqa: PLC0415 - few models need it
 
@@ -338,7 +341,7 @@ def _of_points(spec: OutputSpec, raw: RawOutputs, camera: Intrinsics, frame: Fra
     return raw._replace(maps=np.asarray(depth * scale, np.float32), hfov_deg=hfov)
 
 
-def _range_warnings(spec: OutputSpec, depth: DepthMap, scale: float) -> tuple[str, ...]:
+def _range_warnings(spec: OutputSpec, depth: types.DepthMap, scale: float) -> tuple[str, ...]:
     """Warnings of many pixels at the least or the largest depth that the model can give."""
     if spec.min_m is None or spec.max_m is None or not depth.is_metric:
         return ()
@@ -360,13 +363,13 @@ def _range_warnings(spec: OutputSpec, depth: DepthMap, scale: float) -> tuple[st
 
 def _finished(
     prediction: Prediction,
-    frame: Frame,
+    frame: types.Frame,
     known_depth: KnownDepth | None,
-    followed: BoolArray | None = None,
+    followed: types.BoolArray | None = None,
 ) -> Prediction:
     """Depth without any where the file has no pixels, fitted to known points."""
     depth, warnings = prediction
-    depth = masked_to_data_window(depth, frame.windows)
+    depth = types.masked_to_data_window(depth, frame.windows)
     if frame.transparent is not None:
         depth = replace(depth, values=np.where(frame.transparent, np.float32(np.nan), depth.values))
     result, of_fit = fitted(depth, known_depth, frame.windows, followed=followed)
@@ -374,7 +377,7 @@ def _finished(
     return Prediction(result, (*warnings, *of_camera, *of_fit))
 
 
-def _camera_warnings(depth: DepthMap, frame: Frame) -> tuple[str, ...]:
+def _camera_warnings(depth: types.DepthMap, frame: types.Frame) -> tuple[str, ...]:
     """A warning of a focal length that is hardly the image's, or not in its EXIF; else none."""
     source, focal_px = depth.provenance.camera_source, depth.provenance.focal_px
     width, height = frame.display_size_px
@@ -391,7 +394,7 @@ def _camera_warnings(depth: DepthMap, frame: Frame) -> tuple[str, ...]:
     return (Message(text, "give {focal_px} or {hfov}, as metres may be far off"),)
 
 
-def tile_width_px(spec: InputSpec, frame: Frame, detail: UpsamplingOptions) -> int | None:
+def tile_width_px(spec: InputSpec, frame: types.Frame, detail: UpsamplingOptions) -> int | None:
     """Width of the tiles of an image in its pixels; None if it is not tiled."""
     if detail.tile_px is None:
         return None
@@ -417,7 +420,7 @@ def try_session(session: Session, width: int | None = None) -> None:
     """Run a loaded model on a gray image of its own size, or of another width."""
     spec = session.model.card.input
     gray = np.full((spec.height, width or spec.width, 3), _GRAY, np.uint8)
-    depth_for_trial(Pipeline(session), Frame(gray))
+    depth_for_trial(Pipeline(session), types.Frame(gray))
 
 
 def try_other_size(session: Session) -> None:
@@ -448,7 +451,7 @@ def check_network(error: Exception, session: Session) -> None:
             raise error from None
 
 
-def depth_for_trial(pipeline: Pipeline, frame: Frame) -> DepthMap:
+def depth_for_trial(pipeline: Pipeline, frame: types.Frame) -> types.DepthMap:
     """Depth of an image; a network that needs known depth or a camera gets some."""
     needs_camera = pipeline.card.input.camera_matrix is not None
     camera = Intrinsics(hfov_deg=_HFOV_DEG) if needs_camera else UNKNOWN_CAMERA

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from depthcli.core.arrays import BoolArray, Float32Array, Float64Array
+from depthcli.core.types import BoolArray, Float32Array, Float64Array
 
 _GRID = 64  # rows and columns of points that are fitted
 _LEAST_POINTS = 2

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import onnxruntime as ort
 
-from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import one_line
 from depthcli.core.parallel import usable_cores
+from depthcli.core.types import AnyArray, Float32Array
 from depthcli.errors import ModelError, ProviderError, UsageError
 from depthcli.models.card import fit_to_graph
 from depthcli.models.catalog import Model

@@ -20,9 +20,8 @@ from typing import NamedTuple, Self
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import AnyArray, BoolArray, Float32Array, Float64Array
+from depthcli.core import types
 from depthcli.core.imageops import resize_area, resize_bilinear, row_bands
-from depthcli.core.types import Frame, panorama_rays
 from depthcli.errors import InputError
 from depthcli.inference.transforms import blends_in_log, in_range
 from depthcli.models.card import OutputSpec
@@ -58,11 +57,11 @@ class TileGrid(NamedTuple):
 
 def refine(
     spec: OutputSpec,
-    overall: Float32Array,
-    frame: Frame,
+    overall: types.Float32Array,
+    frame: types.Frame,
     tile_px: int,
-    predict: Callable[[Frame], Float32Array],
-) -> Float32Array:
+    predict: Callable[[types.Frame], types.Float32Array],
+) -> types.Float32Array:
     """A finer map of an image, from tiles.
 
     Tiles are fitted and blended in log depth if the model is metric, else in its own values. The
@@ -81,8 +80,11 @@ def refine(
 
 
 def _blend_tiles(
-    overall: Float32Array, frame: Frame, grid: TileGrid, predict: Callable[[Frame], Float32Array]
-) -> Float32Array:
+    overall: types.Float32Array,
+    frame: types.Frame,
+    grid: TileGrid,
+    predict: Callable[[types.Frame], types.Float32Array],
+) -> types.Float32Array:
     """(grid.height, grid.width); tiles are added in a fixed order, so that rounding is too."""
     whole = resize_bilinear(overall, grid.width, grid.height)
     tile_size, size = overall.shape[::-1], (grid.width, grid.height)
@@ -107,7 +109,7 @@ def _starts(size: int, tile: int) -> list[int]:
     return [round(start) for start in np.linspace(0, size - tile, count)]
 
 
-def _cropped(frame: Frame, grid: TileGrid, tile: tuple[slice, slice]) -> Frame:
+def _cropped(frame: types.Frame, grid: TileGrid, tile: tuple[slice, slice]) -> types.Frame:
     rows = _pixels_of(tile[0], frame.height, grid.height)
     columns = _pixels_of(tile[1], frame.width, grid.width)
     pixels = frame.pixels[rows, columns]
@@ -121,7 +123,9 @@ def _pixels_of(part: slice, size: int, cells: int) -> slice:
     return slice(start, max(start + 1, round(part.stop * size / cells)))
 
 
-def _fit_tile(depth: Float32Array, coarse: Float32Array, small: tuple[int, ...]) -> Float32Array:
+def _fit_tile(
+    depth: types.Float32Array, coarse: types.Float32Array, small: tuple[int, ...]
+) -> types.Float32Array:
     """A tile's map fitted to the whole image's by least squares, with its drift removed.
 
     The scale is fitted at the size ``small``, (columns, rows) of the whole image's map before it
@@ -153,7 +157,9 @@ _LEVEL_WEIGHT = 1e-6  # of factors of one of level views, as images of the train
 _FIT_PX = 256, 128  # pixels of the panorama at which factors are fitted
 
 
-def panorama_distance(frame: Frame, predict: Callable[[Frame], Float32Array]) -> Float32Array:
+def panorama_distance(
+    frame: types.Frame, predict: Callable[[types.Frame], types.Float32Array]
+) -> types.Float32Array:
     """Distance along the ray of each pixel of an equirectangular image, (H, W) float32 metres.
 
     ``predict`` gives metres along the axis, (h, w) float32, of a view of :data:`HFOV_DEG`.
@@ -165,22 +171,22 @@ def panorama_distance(frame: Frame, predict: Callable[[Frame], Float32Array]) ->
     side = min(_MAX_VIEW_PX, max(8, round(frame.width / math.pi * _HALF_VIEW)))
     width = min(frame.width, round(side * math.pi / _HALF_VIEW))
     small = resize_area(frame.pixels, width, max(1, width // 2))  # type: ignore[arg-type]
-    turns, logs, are_level = list[Float64Array](), list[Float32Array](), list[bool]()
+    turns, logs, are_level = list[types.Float64Array](), list[types.Float32Array](), list[bool]()
     for yaw_deg, pitch_deg in _VIEWS_DEG:
         turn = _rotation(yaw_deg, pitch_deg)
         view = np.ascontiguousarray(_view(small, turn, side))
-        log = np.log(predict(Frame(view)) * np.linalg.norm(_view_rays(side), axis=-1))
+        log = np.log(predict(types.Frame(view)) * np.linalg.norm(_view_rays(side), axis=-1))
         if np.isfinite(log).all():
             turns.append(turn)
             logs.append(log)
             are_level.append(pitch_deg == 0)
     if not logs:
         raise InputError("no view of the panorama has depth everywhere")
-    samples = [*_samples(panorama_rays(*_FIT_PX), turns, logs)]
+    samples = [*_samples(types.panorama_rays(*_FIT_PX), turns, logs)]
     offsets = _offsets(samples, np.array(are_level))
     distance = np.empty((frame.height, frame.width), np.float32)
     for rows in row_bands(frame.width, frame.height):
-        rays = panorama_rays(frame.width, frame.height, rows)
+        rays = types.panorama_rays(frame.width, frame.height, rows)
         total, weight = np.zeros(rays.shape[:2], np.float32), np.zeros(rays.shape[:2], np.float32)
         for offset, (log, share) in zip(offsets, _samples(rays, turns, logs), strict=True):
             total += (log + np.float32(offset)) * share
@@ -190,21 +196,21 @@ def panorama_distance(frame: Frame, predict: Callable[[Frame], Float32Array]) ->
     return distance
 
 
-def _rotation(yaw_deg: float, pitch_deg: float) -> Float64Array:
+def _rotation(yaw_deg: float, pitch_deg: float) -> types.Float64Array:
     """From directions of a view to those of the panorama; x right, y down, z ahead."""
     up, _ = cv2.Rodrigues(np.radians([pitch_deg, 0, 0]))
     right, _ = cv2.Rodrigues(np.radians([0, yaw_deg, 0]))
     return np.asarray(right @ up, np.float64)
 
 
-def _view_rays(side: int) -> Float32Array:
+def _view_rays(side: int) -> types.Float32Array:
     """Directions of the pixels of a view, (side, side, 3), with z = 1."""
     along = ((np.arange(side) + 0.5) * 2 / side - 1) * _HALF_VIEW
     x, y = np.meshgrid(along, along)
     return np.stack([x, y, np.ones_like(x)], -1).astype(np.float32)
 
 
-def _view(panorama: AnyArray, turn: Float64Array, side: int) -> AnyArray:
+def _view(panorama: types.AnyArray, turn: types.Float64Array, side: int) -> types.AnyArray:
     height, width = panorama.shape[:2]
     x, y, z = np.moveaxis(_view_rays(side) @ turn.T.astype(np.float32), -1, 0)
     column = (np.arctan2(x, z) / (2 * math.pi) + 0.5) * width - 0.5
@@ -216,8 +222,8 @@ def _view(panorama: AnyArray, turn: Float64Array, side: int) -> AnyArray:
 
 
 def _samples(
-    rays: Float32Array, turns: list[Float64Array], logs: list[Float32Array]
-) -> Iterator[tuple[Float32Array, Float32Array]]:
+    rays: types.Float32Array, turns: list[types.Float64Array], logs: list[types.Float32Array]
+) -> Iterator[tuple[types.Float32Array, types.Float32Array]]:
     """Log distance of each view along some rays, (h, w), and its weight, 0 outside a circle."""
     for turn, log in zip(turns, logs, strict=True):
         x, y, z = np.moveaxis(rays @ turn.astype(np.float32), -1, 0)
@@ -230,7 +236,9 @@ def _samples(
         yield np.asarray(samples), weight.astype(np.float32)
 
 
-def _offsets(samples: list[tuple[Float32Array, Float32Array]], is_level: BoolArray) -> Float64Array:
+def _offsets(
+    samples: list[tuple[types.Float32Array, types.Float32Array]], is_level: types.BoolArray
+) -> types.Float64Array:
     """Addend of each view's log distance: least squares of the differences in overlaps."""
     count = len(samples)
     matrix = np.diag(np.where(is_level, _LEVEL_WEIGHT, 0.0) + _LEVEL_WEIGHT * 1e-3)

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from depthcli.core import imageops
-from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from depthcli.core.camera import (
     DEPTH_M_RANGE,
     HFOV_DEG,
@@ -23,7 +22,7 @@ from depthcli.core.camera import (
     focal_px_of_hfov,
 )
 from depthcli.core.options import Upsampling
-from depthcli.core.types import DepthKind, Frame
+from depthcli.core.types import BoolArray, DepthKind, Float32Array, Float64Array, Frame, Int64Array
 from depthcli.known.local_correction import log_correction, thinned
 from depthcli.known.points import ROBUST_FROM, KnownDepth, pixels_of
 from depthcli.models.card import (

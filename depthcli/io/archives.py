@@ -13,9 +13,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 from depthcli.core.camera import Intrinsics
 from depthcli.errors import InputError, UsageError
+from depthcli.io import listing, media
 from depthcli.io.formats.table import Format
-from depthcli.io.listing import PATHS, open_parquet
-from depthcli.io.media import is_archive, is_exr, is_media
 
 _ROWS = 64  # of a row group that is written
 _IMAGES = (Format.PNG16, Format.PREVIEW)
@@ -41,12 +40,12 @@ Write: TypeAlias = Callable[[Member, Mapping[Format, bytes]], object]  #: of one
 def holds_images(path: Path, column: str | None = None) -> bool:
     """Whether a file is an archive, and no Parquet list of paths."""
     if not _is_parquet(path):
-        return is_archive(path.name) and path.is_file()
+        return media.is_archive(path.name) and path.is_file()
     if not path.is_file():
         return False
-    with open_parquet(path) as file:
+    with listing.open_parquet(path) as file:
         columns, names = _image_columns(file), file.schema_arrow.names
-    return column in columns if column else bool(columns) and PATHS not in names
+    return column in columns if column else bool(columns) and listing.PATHS not in names
 
 
 def members(path: Path, column: str | None = None) -> Iterator[Member]:
@@ -84,7 +83,7 @@ def _tar_members(path: Path, column: str | None) -> Iterator[Member]:
                 folder, _, name = entry.name.rpartition("/")
                 key, _, extension = name.partition(".")
                 wanted = extension == column if column else "." not in extension
-                is_image = is_media(name) or is_exr(name)
+                is_image = media.is_media(name) or media.is_exr(name)
                 if entry.isfile() and wanted and is_image and (folder, key) != last:
                     last, file = (folder, key), archive.extractfile(entry)
                     yield Member(entry.name, file.read() if file else None)
@@ -100,7 +99,7 @@ def _tar_members(path: Path, column: str | None) -> Iterator[Member]:
 
 
 def _parquet_members(path: Path, column: str | None) -> Iterator[Member]:
-    with open_parquet(path) as file:
+    with listing.open_parquet(path) as file:
         columns = _image_columns(file)
         if (column or len(columns) != 1) and column not in columns:
             names = ", ".join(columns) or "none"

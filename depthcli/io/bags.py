@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, TypeAlias
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import AnyArray
 from depthcli.core.options import INSTALL_ROS
+from depthcli.core.types import AnyArray
 from depthcli.errors import DepthcliError, InputError
 from depthcli.io.archives import Member, Write
 from depthcli.io.calibration import camera_of_ros

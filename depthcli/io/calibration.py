@@ -25,8 +25,7 @@ from depthcli.core.options import Rule, short_repr
 from depthcli.core.validation import parsed_json, validated
 from depthcli.errors import InputError, OutputError, UsageError, os_errors_as
 from depthcli.io.listing import CsvTable
-from depthcli.io.storage.atomic import write_text
-from depthcli.io.storage.paths import path_of, read_bytes, read_regular, user_folder
+from depthcli.io.storage import atomic, paths
 
 _ADVICE = "name the calibration of a camera"
 _SIZES = (("image_width", "image_height"), ("width", "height"), ("w", "h"), ("W", "H"))
@@ -88,7 +87,7 @@ def read_calibration(path: str | os.PathLike[str], *, rectified: bool = False) -
     Raises:
         InputError: the file cannot be read, is of several cameras, or holds no valid camera matrix.
     """
-    path = path_of(path)
+    path = paths.path_of(path)
     try:
         camera = _camera_in(path, rectified=rectified)
     except InputError:
@@ -151,7 +150,7 @@ def _coefficients_in(tree: Mapping[str, Any]) -> tuple[tuple[float, ...], str]:
 
 
 def _camera_in(path: Path, *, rectified: bool) -> _Camera:
-    data = read_bytes(path)
+    data = paths.read_bytes(path)
     if len(data) > _MAX_BYTES:
         raise InputError(f"{path} is too large for a calibration; name another file")
     if path.suffix.lower() == ".bin":
@@ -349,7 +348,7 @@ def read_lenses(path: Path) -> dict[str, Intrinsics]:
     these is left out. Other columns are ignored.
     """
     with os_errors_as(InputError, f"{path} cannot be read"):
-        data = read_regular(path, _MAX_TABLE_BYTES)
+        data = paths.read_regular(path, _MAX_TABLE_BYTES)
     table = CsvTable(data, str(path))
     if ID not in table.columns or _FOCAL.isdisjoint(table.columns):
         raise InputError(f"{path} has no columns id,focal_px or id,hfov_deg in its first line")
@@ -394,7 +393,7 @@ def keep_camera(scale: CameraScale, camera: Intrinsics) -> Path:
     names = _KeptCamera.__slots__
     document = {name: getattr(camera, name) for name in names} | asdict(scale)
     try:
-        write_text(json.dumps(document, indent=2) + "\n", path)
+        atomic.write_text(json.dumps(document, indent=2) + "\n", path)
     except OutputError as error:
         advice = "name a folder that can be written in XDG_CONFIG_HOME"
         raise OutputError(error.message.problem, advice) from error
@@ -405,7 +404,7 @@ def kept_camera(name: str) -> Intrinsics:
     """The camera of a name."""
     path = _kept_path(name)
     try:
-        document: Any = parsed_json(read_regular(path, _MAX_BYTES))
+        document: Any = parsed_json(paths.read_regular(path, _MAX_BYTES))
         fields = {name: document.pop(name, None) for name in _KeptCamera.__slots__}
         camera: Any = validated(_KeptCamera, fields)
         size_px = camera.size_px
@@ -436,4 +435,4 @@ def kept_camera(name: str) -> Intrinsics:
 def _kept_path(name: str) -> Path:
     if not _KEPT_NAME.fullmatch(name):
         raise UsageError(f"{name!r} is not a name of letters, digits, '-', '_' and '.'")
-    return user_folder("config") / "cameras" / f"{name}.json"
+    return paths.user_folder("config") / "cameras" / f"{name}.json"

@@ -22,10 +22,7 @@ from depthcli.core.options import INSTALL_PYARROW, Rule, one_line, short_repr
 from depthcli.errors import InputError, UsageError, os_errors_as
 from depthcli.io.guard import is_own_output
 from depthcli.io.media import CAMERA_RAW, EXTRAS, is_exr, is_media, lower_suffix
-from depthcli.io.storage import paths
-from depthcli.io.storage.atomic import FileIdentity, identity_of
-from depthcli.io.storage.objects import NO_PATH
-from depthcli.io.storage.paths import RemotePath
+from depthcli.io.storage import atomic, objects, paths
 
 HIDDEN = "hidden"
 SYSTEM_FOLDERS = frozenset(
@@ -129,11 +126,13 @@ def list_folder(
         refusal: why a file of this path is no input; None if it is one.
     """
     place = paths.path_of(root)
-    if isinstance(place, RemotePath):
+    if isinstance(place, paths.RemotePath):
         return _list_objects(place, paths.path_of(leave_out or ""), skip, refusal)
-    avoided = leave_out and identity_of(leave_out)
+    avoided = leave_out and atomic.identity_of(leave_out)
     listing = Listing([], [], [])
-    above: dict[str, tuple[FileIdentity, ...]] = {root: (identity_of(root),)}  # of those to enter
+    above: dict[str, tuple[atomic.FileIdentity, ...]] = {
+        root: (atomic.identity_of(root),)
+    }  # of those to enter
     named = partial(_relative_name, base=root)
 
     def not_listed(error: OSError) -> None:
@@ -150,7 +149,7 @@ def list_folder(
             path = inside(child)
             if child.startswith(".") or skip(named(path)):
                 continue
-            identity = identity_of(path)
+            identity = atomic.identity_of(path)
             if child in SYSTEM_FOLDERS:
                 listing.skipped.append(Skipped(named(path), child))
             elif identity in outer:
@@ -162,7 +161,7 @@ def list_folder(
 
 
 def _list_objects(
-    root: RemotePath,
+    root: paths.RemotePath,
     leave_out: Path,
     skip: Callable[[str], bool],
     refusal: Callable[[str], str | None],
@@ -183,7 +182,7 @@ def _list_objects(
             if {"", ".", ".."}.isdisjoint(name.split("/")):
                 listing.add(name, place, refusal(place))
             else:
-                listing.media.append(InputFile(name, place, f"{place}: {NO_PATH}"))
+                listing.media.append(InputFile(name, place, f"{place}: {objects.NO_PATH}"))
     if folder is None:
         raise UsageError(f"{root} is not a folder", "name one, or give {files} a list")
     listing.media.sort(key=lambda file: _walk_sort_key(file.name))
@@ -337,7 +336,7 @@ def listed_inputs(words: Iterable[str], root: str | None) -> Iterator[InputFile]
     words = map(paths.without_file_scheme, words)
     first = list(islice(words, _MAX_PROBED))
     base = os.path.abspath(root or ".")  # noqa: PTH100 - links stay as named
-    is_remote = isinstance(paths.path_of(root or ""), RemotePath)
+    is_remote = isinstance(paths.path_of(root or ""), paths.RemotePath)
     starts = (root or "",) if is_remote else (root or "", "")
     start = max(
         starts,
@@ -357,10 +356,10 @@ def _listed_uri(uri: str, root: str) -> InputFile | None:
         return None
     try:
         path = paths.path_of(uri)
-        if not isinstance(path, RemotePath):
+        if not isinstance(path, paths.RemotePath):
             return None
         folder = paths.path_of(root)
-        if isinstance(folder, RemotePath) and path.is_relative_to(folder):
+        if isinstance(folder, paths.RemotePath) and path.is_relative_to(folder):
             return InputFile(path.relative_to(folder).as_posix(), uri)
         return InputFile(str(path).partition("://")[2], uri)
     except UsageError as error:

@@ -18,15 +18,14 @@ from io import FileIO
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from depthcli.core.options import DepthFit, Rule
-from depthcli.core.validation import FieldError, parsed_json, validated
+from depthcli.core import options, validation
 from depthcli.errors import Message, OutputError, UsageError, os_errors_as
 from depthcli.io.storage.atomic import append_whole, atomic_path, folder_lock, open_locked
 from depthcli.io.storage.paths import RemotePath, object_checksum, regular_size
 
 OK = "ok"
 FAILED = "failed"
-_SECONDS = Rule("a number from 0 to 1e9", lambda number: 0 <= number <= 1e9)  # noqa: PLR2004
+_SECONDS = options.Rule("a number from 0 to 1e9", lambda number: 0 <= number <= 1e9)  # noqa: PLR2004
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +55,7 @@ class KnownDepthEntry:
     used: int  #: those that depth was fitted to; the others contradict them
     residual_m: float  #: median absolute difference of all points, in metres
     sha256: str  #: checksum of the points, 64 hex digits
-    fit: DepthFit | None = None  #: how depth follows them; None if that is not known
+    fit: options.DepthFit | None = None  #: how depth follows them; None if that is not known
     model: str | None = None  #: that made the depth, if it is not the key's
 
 
@@ -101,10 +100,10 @@ def _fields(entry: KnownDepthEntry | CacheKey | ManifestRow | OutputFile) -> dic
 def parse_row(line: bytes) -> ManifestRow | None:
     """A row from its line; None if it is incomplete or not a row."""
     try:
-        fields: Any = parsed_json(line)
+        fields: Any = validation.parsed_json(line)
         key = {name: fields.pop(name) for name in CacheKey.__slots__}
-        return validated(ManifestRow, {**fields, "key": key})
-    except (FieldError, TypeError, KeyError, AttributeError):
+        return validation.validated(ManifestRow, {**fields, "key": key})
+    except (validation.FieldError, TypeError, KeyError, AttributeError):
         return None
 
 
@@ -246,9 +245,9 @@ class Rows:
 def _input_of(line: bytes) -> str | None:
     """The input of a row; None if the line is incomplete or not a row."""
     try:
-        fields: Any = parsed_json(line)
+        fields: Any = validation.parsed_json(line)
         name = fields["input"]
-    except (FieldError, TypeError, KeyError):
+    except (validation.FieldError, TypeError, KeyError):
         return None
     return name if isinstance(name, str) else None
 

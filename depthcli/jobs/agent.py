@@ -4,8 +4,6 @@ The server speaks on standard input and output, so that nothing else may be prin
 that fails answers with the error's line, which says what to do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -20,10 +18,9 @@ from depthcli.core.camera import Intrinsics
 from depthcli.errors import DepthcliError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import Format
+from depthcli.jobs import inspect, outputs
 from depthcli.jobs.convert import ConvertRequest, convert
 from depthcli.jobs.image import FailedInput, depth_facts
-from depthcli.jobs.inspect import depth_at, depth_in, read_map
-from depthcli.jobs.outputs import STDIO
 from depthcli.jobs.predict import PredictRequest, image_destination, predict
 
 _GUIDE = (
@@ -53,7 +50,7 @@ def make_server(model: SessionLoader) -> MCPServer:
 
         hfov_deg is the horizontal field of view of the camera, if it is known.
         """  # noqa: D205 - the protocol shows all of it
-        if out == STDIO:
+        if out == outputs.STDIO:
             raise UsageError("standard output is the protocol's; name a file")
         camera = Intrinsics(hfov_deg=hfov_deg)
         request = PredictRequest(
@@ -71,13 +68,13 @@ def make_server(model: SessionLoader) -> MCPServer:
         """Depth at a pixel [x, y] of a depth file, with its point in space and its surface's
         normal; or in a box [left, top, right, bottom], with its width and height in metres.
         """  # noqa: D205
-        stored = read_map(Path(depth_file))
+        stored = inspect.read_map(Path(depth_file))
         depth = stored.displayed
         match place:
             case [left, top, right, bottom] if min(place) >= 0:
-                facts = asdict(depth_in(depth, (left, top, right, bottom)))
+                facts = asdict(inspect.depth_in(depth, (left, top, right, bottom)))
             case [x, y] if min(place) >= 0:
-                facts = asdict(depth_at(depth, x, y))
+                facts = asdict(inspect.depth_at(depth, x, y))
             case _:
                 raise UsageError(f"{place} is neither [x, y] nor [left, top, right, bottom]")
         return {"unit": depth.unit, **facts, "warnings": [*stored.warnings]}

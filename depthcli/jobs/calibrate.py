@@ -1,7 +1,5 @@
 """Measuring the scale of a model's metres for a camera, from known depth in a few images."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,17 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, Intrinsics, hfov_deg
-from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.core.types import DepthKind, DepthMap, Float64Array, Frame
 from depthcli.errors import InputError, UsageError, about
 from depthcli.inference.pipeline import Pipeline
 from depthcli.io.images.read import read_image, undistorted
 from depthcli.io.listing import list_folder
 from depthcli.io.storage.paths import path_of
-from depthcli.known.files import KnownDepthFiles
+from depthcli.known import files, sources
 from depthcli.known.points import KnownDepth, Pairs, ScaleShift, robust
-from depthcli.known.sources import read_file, read_known_depth
 
 _MOST_POINTS = 2000  # of an image, evenly spaced
 _SHIFT_POINTS = 10  # from which a shift is tried
@@ -46,7 +42,7 @@ class CalibrationRequest:
     images: tuple[str, ...] = ()  #: image files of the camera
     pairs: Path | None = None  #: or a folder with images in ``rgb/`` and their depth in ``depth/``
     #: known depth of the images: points of a single one, a file, or a folder with one for each
-    anchors: KnownDepthFiles | tuple[Anchor, ...] = ()
+    anchors: files.KnownDepthFiles | tuple[Anchor, ...] = ()
     known_object: KnownObject | None = None  #: or an object of known height in a single image
     camera: Intrinsics = UNKNOWN_CAMERA  #: what else is known of the camera
 
@@ -151,10 +147,10 @@ def _known(request: CalibrationRequest) -> Iterator[tuple[Frame, KnownDepth]]:
 
 def _of_pairs(folder: Path) -> Iterator[tuple[Frame, KnownDepth]]:
     """Images below ``rgb/``, and known depth of the same names below ``depth/``."""
-    depth = KnownDepthFiles(str(folder / "depth"))
+    depth = files.KnownDepthFiles(str(folder / "depth"))
     for image in list_folder(str(folder / "rgb")).media:
         frame = read_image(image.readable_path())
-        points = read_file(depth.file_for(image.name), depth)
+        points = sources.read_file(depth.file_for(image.name), depth)
         yield frame, replace(points, warnings=())  # of assumed millimetres, which the help states
 
 
@@ -170,8 +166,8 @@ def _points(request: CalibrationRequest, frame: Frame) -> KnownDepth:
         return KnownDepth.of([Anchor(round((x0 + x1) / 2), round((y0 + y1) / 2), depth_m)])
     image = Path(frame.path or "")
     if not (isinstance(anchors, tuple) or anchors.is_by_image) and path_of(anchors.path).is_dir():
-        return read_file(anchors.file_for(image.name, image=image), anchors)
-    return read_known_depth(anchors, image)
+        return sources.read_file(anchors.file_for(image.name, image=image), anchors)
+    return sources.read_known_depth(anchors, image)
 
 
 def _sample(depth: DepthMap, points: KnownDepth) -> _Sample:

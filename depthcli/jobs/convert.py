@@ -19,9 +19,7 @@ from depthcli.core.temporal import RangeLock, ema_decay
 from depthcli.errors import DepthcliError, InputError, Message, UsageError
 from depthcli.io import listing as folders
 from depthcli.io.depth.read import read_metadata, read_stored_depth
-from depthcli.io.formats import table
-from depthcli.io.formats.preview import percentiles
-from depthcli.io.formats.table import WriterOptions
+from depthcli.io.formats import preview, table
 from depthcli.io.guard import Guard, is_own_image
 from depthcli.io.images.read import read_image
 from depthcli.io.listing import InputFile, NameFilter, Skipped
@@ -31,9 +29,7 @@ from depthcli.io.stored.metadata import NORMALIZED
 from depthcli.jobs import inspect, outputs
 from depthcli.jobs.image import FailedInput, failure_reason
 from depthcli.jobs.video.plan import LOCK_S
-from depthcli.video import numbering
-from depthcli.video.depth_video import DepthVideo
-from depthcli.video.formats import VideoFormat
+from depthcli.video import depth_video, formats, numbering
 from depthcli.video.frames import FALLBACK_RATE, Timing, exact_rate
 from depthcli.video.outputs import DepthFrame, video_file
 from depthcli.video.source import stated_rate
@@ -60,7 +56,9 @@ class ConvertRequest:
     camera: Intrinsics = UNKNOWN_CAMERA  #: in place of that of the source; depth is not changed
     reading: ReadOptions = AS_STATED  #: how the image is read
     image: str | None = None  #: for the colours of a point cloud, or beside a preview
-    writing: WriterOptions = field(default_factory=WriterOptions)  #: options of the formats
+    writing: table.WriterOptions = field(
+        default_factory=table.WriterOptions
+    )  #: options of the formats
     overwrite: bool = False  #: whether the target may replace a file of another program
     fps: Fraction | None = None  #: frames a second of numbered files; None for what they state
 
@@ -143,7 +141,7 @@ def target_of(target: str, format_: table.Format | None) -> tuple[table.Format, 
     return destination.formats[0], destination.path
 
 
-def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> WriterOptions:
+def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> table.WriterOptions:
     """The options; by default, the sidecar of a 16-bit PNG states the scale of that PNG."""
     writing, scale = request.writing, stored.metadata.get("scale")
     if scale in NORMALIZED:
@@ -293,7 +291,7 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
     _check_sequence(request)
     format_, pattern = target_of(request.target, request.format)
 
-    def frames(video: DepthVideo) -> Generator[StoredDepth | InputError, None, None]:
+    def frames(video: depth_video.DepthVideo) -> Generator[StoredDepth | InputError, None, None]:
         try:
             yield from video.frames(paths.safe_name(request.source))
         except InputError as error:
@@ -312,7 +310,7 @@ def convert_video(request: ConvertRequest, workers: int) -> Generator[ConvertRes
 
 
 def convert_to_video(
-    request: ConvertRequest, format_: VideoFormat, warnings: list[str]
+    request: ConvertRequest, format_: formats.VideoFormat, warnings: list[str]
 ) -> Generator[ConvertResult, None, None]:
     """Convert every frame of a depth video, or of numbered depth files, to one video.
 
@@ -341,7 +339,7 @@ def convert_to_video(
             depth = types.with_camera(stored.displayed, request.camera)
             if shape not in {None, depth.values.shape}:  # which FFmpeg would resize
                 raise InputError(f"{stored.name} has another size than the first frame")
-            shape, spread = depth.values.shape, lock.step(*percentiles(depth), decay)
+            shape, spread = depth.values.shape, lock.step(*preview.percentiles(depth), decay)
             output.append(output.encode(DepthFrame(stored.frame, depth, spread)))
             doubts = stored.warnings_with_scale("from_scale")
             yield ConvertResult(paths.safe_name(stored.name), str(path), depth, None, doubts)

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from depthcli.core.arrays import BoolArray
 from depthcli.core.surface import holds_edge, surface_of
-from depthcli.core.types import DepthMap, DepthRange
+from depthcli.core.types import BoolArray, DepthMap, DepthRange
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.images.read import read_image

@@ -11,27 +11,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
-from depthcli.core.options import one_line
-from depthcli.core.parallel import NO_PROGRESS, Progress
-from depthcli.core.types import DepthKind
-from depthcli.core.validation import FieldError, parsed_json, validated
+from depthcli.core import options, parallel, types, validation
 from depthcli.errors import DepthcliError, ModelError, OutputError, UsageError, os_errors_as
 from depthcli.inference.pipeline import try_other_size, try_session
 from depthcli.inference.session import Session, ort
 from depthcli.io.guard import Guard
 from depthcli.io.storage import atomic, paths
-from depthcli.io.storage.atomic import open_locked
 from depthcli.models import card as cards
 from depthcli.models import catalog
 from depthcli.models.card import METADATA_KEY, Colour, DataFile, ModelCard, WeightsSpec
-from depthcli.models.catalog import (
-    Model,
-    ModelLocation,
-    OnnxFacts,
-    files_of_card,
-    find_model,
-    location_at,
-)
 
 _NAME = re.compile(r"(?!.*\.onnx$)[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _ADDED_FILE = re.compile(r"model-[0-9a-f]{12}\.onnx")
@@ -60,10 +48,12 @@ def folder_to_add(name: str, *, force: bool) -> Path:
     return target
 
 
-def added_model(name: str) -> tuple[Path, ModelLocation]:
+def added_model(name: str) -> tuple[Path, catalog.ModelLocation]:
     """Folder and files of a model that was added; UsageError if there is none, or other files."""
     folder = catalog.user_root() / valid_name(name)
-    location = location_at(folder) or location_at(folder.with_name(f"{folder.name}.onnx"))
+    location = catalog.location_at(folder) or catalog.location_at(
+        folder.with_name(f"{folder.name}.onnx")
+    )
     if location is None:
         problem = f"{name!r} is not among the models in {catalog.user_root()}"
         raise UsageError(problem, "only those are removed")
@@ -88,7 +78,7 @@ def remove_model(name: str) -> Path:
 
 def _check_only_model(folder: Path, advice: str) -> None:
     """Check that replacing or removing a folder loses nothing but a model, such as a checkpoint."""
-    of_model = {catalog.CARD_NAME, *files_of_card(folder / catalog.CARD_NAME)}
+    of_model = {catalog.CARD_NAME, *catalog.files_of_card(folder / catalog.CARD_NAME)}
     others = [
         name
         for name in sorted(path.name for path in folder.iterdir())
@@ -150,8 +140,8 @@ def add_model(
     name: str | None = None,
     force: bool = False,
     sha256: str | None = None,
-    progress: Progress = NO_PROGRESS,
-) -> Model:
+    progress: parallel.Progress = parallel.NO_PROGRESS,
+) -> catalog.Model:
     """Copy a model into the user's folder with its completed card, after running it once.
 
     A remote ONNX file is downloaded, which advances ``progress``. The card is a ``card.json`` or
@@ -171,7 +161,7 @@ def add_model(
 
 @contextmanager
 def _opened(
-    source: Path | PublishedModel, name: str, sha256: str | None, progress: Progress
+    source: Path | PublishedModel, name: str, sha256: str | None, progress: parallel.Progress
 ) -> Iterator[Path]:
     """The local file of a model, or a download, removed after the block.
 
@@ -185,7 +175,7 @@ def _opened(
     part = catalog.user_root() / f".{name}.part"
     with os_errors_as(OutputError, f"{part} cannot be written"):
         part.parent.mkdir(parents=True, exist_ok=True)
-        handle = open_locked(part)
+        handle = atomic.open_locked(part)
     if handle is None:
         raise UsageError(f"another process writes {part}; wait for its end")
     try:
@@ -204,7 +194,7 @@ def _opened(
             part.unlink()
 
 
-def _download(model: PublishedModel, file: BinaryIO, progress: Progress) -> None:
+def _download(model: PublishedModel, file: BinaryIO, progress: parallel.Progress) -> None:
     size = model.weights.size_bytes
     if size is not None and file.seek(0, os.SEEK_END) >= size:
         return
@@ -223,7 +213,7 @@ def _download(model: PublishedModel, file: BinaryIO, progress: Progress) -> None
 
 def _install(
     path: Path, card: str | None, *, name: str | None, force: bool, sha256: str | None
-) -> Model:
+) -> catalog.Model:
     (size, checksum), facts = catalog.checksum(path), catalog.onnx_facts(path)
     data = _data_files(path, facts)
     if sha256 is not None and checksum != sha256.lower():
@@ -243,7 +233,7 @@ def _install(
         for file in data:
             shutil.copyfile(path.with_name(file.file), temporary / file.file)
         (temporary / catalog.CARD_NAME).write_text(complete.to_json(), "utf-8")
-        model = replace(find_model(temporary), path=path)  # the name in messages
+        model = replace(catalog.find_model(temporary), path=path)  # the name in messages
         session = Session(model, provider="cpu")
         fitted = cards.fit_to_graph(complete, session.fixed_size, path, adapt=draft.is_ready)
         session.model = replace(model, card=fitted)
@@ -259,10 +249,10 @@ def _install(
             try_session(session)
         (temporary / catalog.CARD_NAME).write_text(fitted.to_json(), "utf-8")
         atomic.replace_folder(temporary, target, last=catalog.CARD_NAME)
-    return find_model(target)
+    return catalog.find_model(target)
 
 
-def _data_files(path: Path, facts: OnnxFacts) -> tuple[DataFile, ...]:
+def _data_files(path: Path, facts: catalog.OnnxFacts) -> tuple[DataFile, ...]:
     """The files beside an ONNX file with the rest of its weights; ModelError if one is missing."""
     names = sorted(facts.external)
     for name in names:
@@ -272,9 +262,9 @@ def _data_files(path: Path, facts: OnnxFacts) -> tuple[DataFile, ...]:
     return tuple(DataFile(name, sha256, size) for name, size, sha256 in sums)
 
 
-def _card_draft(path: Path, facts: OnnxFacts, card: str | None) -> CardDraft:
+def _card_draft(path: Path, facts: catalog.OnnxFacts, card: str | None) -> CardDraft:
     if card is None:
-        location = location_at(path)
+        location = catalog.location_at(path)
         card = str(location.card) if location and location.card else None
     if card is None:
         embedded = facts.metadata.get(METADATA_KEY)
@@ -296,19 +286,19 @@ def _named_draft(card: str) -> CardDraft:
 
 def _json_object(text: str | bytes, where: str) -> dict[str, Any]:
     try:
-        return validated(dict[str, Any], parsed_json(text))
-    except FieldError as refused:
+        return validation.validated(dict[str, Any], validation.parsed_json(text))
+    except validation.FieldError as refused:
         raise ModelError(f"{where}: {refused}; correct it") from None
 
 
-def verify_models(names: Sequence[str] = ()) -> Iterator[tuple[str, Model | DepthcliError]]:
+def verify_models(names: Sequence[str] = ()) -> Iterator[tuple[str, catalog.Model | DepthcliError]]:
     """Check size, checksum and card of models, all by default, and run each on gray images.
 
     Yields each name or path with its model, or with what is wrong with it.
     """
     for name in names or [name for name, _ in catalog.list_locations()]:
         try:
-            model = find_model(name)
+            model = catalog.find_model(name)
             session = Session(model)
             try_session(session)
             try_other_size(session)
@@ -322,13 +312,13 @@ _IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 _USUAL_PX, _PATCH_PX = 518, 14  # of the networks with a vision transformer that people export
 _MAX_M = 20.0
 _IMAGE_RANK = 4
-_KINDS = {DepthKind.INVERSE: "disp|inv", DepthKind.METRIC: "metric|metre|meter"}
+_KINDS = {types.DepthKind.INVERSE: "disp|inv", types.DepthKind.METRIC: "metric|metre|meter"}
 
 
 class Answers(NamedTuple):
     """What the user states about a network; None for a guess."""
 
-    kind: DepthKind | None = None  #: what its numbers mean
+    kind: types.DepthKind | None = None  #: what its numbers mean
     colour: Colour | None = None  #: its channels
     mean: tuple[float, ...] | None = None  #: subtracted from colours in [0, 1]
     std: tuple[float, ...] | None = None  #: divisor after that
@@ -358,8 +348,8 @@ def new_card(
 
     words = f"{model.name} {output}".lower()
     by_name = next((kind for kind, word in _KINDS.items() if re.search(word, words)), None)
-    why = "larger is nearer" if by_name in {None, DepthKind.INVERSE} else "by its name"
-    kind = guess("output.kind", answers.kind, by_name or DepthKind.INVERSE, why)
+    why = "larger is nearer" if by_name in {None, types.DepthKind.INVERSE} else "by its name"
+    kind = guess("output.kind", answers.kind, by_name or types.DepthKind.INVERSE, why)
     is_rgb, is_dynamic = channels == Colour.RGB.channels, None in size_px
     of_input = f"usual where an input has {channels} channels"
     colour = guess("input.colour", answers.colour, Colour.RGB if is_rgb else Colour.LUMA, of_input)
@@ -382,7 +372,7 @@ def new_card(
         size = f"{_USUAL_PX}, and multiple_of {_PATCH_PX}"
         guesses.append(f"input.width and height are {size}: the file accepts any size")
     depth = {"kind": kind, "transform": "linear", "scale": 1.0, "shift": 0.0}
-    if kind is DepthKind.METRIC:
+    if kind is types.DepthKind.METRIC:
         depth |= {"min_m": 0.0, "max_m": guess("output.max_m", None, _MAX_M, "depth is clipped")}
         guesses.append("camera is null: metres do not follow the focal length")
     fields = {
@@ -409,7 +399,7 @@ def _session(model: Path) -> ort.InferenceSession:
     try:
         return ort.InferenceSession(str(model), providers=["CPUExecutionProvider"])
     except Exception as error:
-        reason = one_line(str(error))
+        reason = options.one_line(str(error))
         raise ModelError(f"onnxruntime cannot load {model}: {reason}") from error
 
 

@@ -17,8 +17,7 @@ from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, Intrinsics
 from depthcli.errors import UsageError
 from depthcli.io.formats.table import Format, WriterOptions, suffix_of
 from depthcli.io.listing import RealPaths
-from depthcli.io.storage.atomic import is_special
-from depthcli.io.storage.paths import check_writable, path_of, safe_name
+from depthcli.io.storage import atomic, paths
 from depthcli.video.numbering import base_name, is_pattern
 
 if TYPE_CHECKING:
@@ -119,13 +118,13 @@ class Destination(Generic[FormatT]):
         command's rules; ``sidecar`` is written besides.
         """
         kind = _kind_of(out, is_bare_folder=rules.is_bare_folder)
-        path = None if out is None or kind is Kind.STDOUT else path_of(out)
+        path = None if out is None or kind is Kind.STDOUT else paths.path_of(out)
         if path is not None:
-            check_writable(path)
+            paths.check_writable(path)
         formats = _formats(kind, path, tuple(dict.fromkeys(requested)), rules)
         stem = None
         if path is not None and kind is Kind.FILE:
-            if is_special(path):
+            if atomic.is_special(path):
                 raise _out_error(path, "is a device or a pipe", "'-' is standard output")
             if len(formats) > 1 or "%" in formats[0].facts.suffix:
                 stem = rules.stem_of(path.name)
@@ -157,13 +156,13 @@ def _kind_of(out: str | None, *, is_bare_folder: bool) -> Kind:
         return Kind.BESIDE
     if not out:
         raise UsageError("is empty", "name a file or a folder, or omit it", option="out")
-    if out.endswith(("/", os.sep)) or path_of(out).is_dir():
+    if out.endswith(("/", os.sep)) or paths.path_of(out).is_dir():
         return Kind.FOLDER
     if out == STDIO:
         return Kind.STDOUT
-    if is_pattern(path_of(out).name):
+    if is_pattern(paths.path_of(out).name):
         return Kind.PATTERN
-    return Kind.FOLDER if is_bare_folder and not path_of(out).suffix else Kind.FILE
+    return Kind.FOLDER if is_bare_folder and not paths.path_of(out).suffix else Kind.FILE
 
 
 def _formats(
@@ -216,7 +215,7 @@ def _check_suffix(path: Path, format_: FormatT) -> None:
 
 
 def _out_error(path: Path, problem: str, advice: str) -> UsageError:
-    return UsageError(f"{safe_name(str(path))} {problem}", advice, option="out")
+    return UsageError(f"{paths.safe_name(str(path))} {problem}", advice, option="out")
 
 
 class OutputPlan(NamedTuple, Generic[FormatT]):
@@ -257,7 +256,7 @@ def check_collisions(plans: Sequence[OutputPlan[FormatT]]) -> None:
     owners: dict[str, Path | None] = {}
     for plan in plans:
         for path in plan.outputs.values():
-            check_writable(path)
+            paths.check_writable(path)
             place = _case_folded_path(places.of(path))
             if place in inputs:
                 raise UsageError(f"{path} is an input", "choose another {out}")

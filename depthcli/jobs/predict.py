@@ -8,15 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from depthcli.errors import (
-    InputError,
-    Message,
-    ModelError,
-    OutputError,
-    UsageError,
-    is_out_of_memory,
-    os_errors_as,
-)
+from depthcli import errors
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import FILE_SUFFIXES, Format, format_of, stem_of, writer_class
 from depthcli.io.guard import Guard, is_own_image
@@ -67,7 +59,7 @@ class PredictRequest(MapOptions):
         advice = "'depthcli batch' takes a folder of {anchors} with a file for each image"
         return (
             *self.camera.warnings,
-            Message(f"{text}if neither camera nor scene moved", advice),
+            errors.Message(f"{text}if neither camera nor scene moved", advice),
         )
 
 
@@ -91,7 +83,7 @@ def predict(request: PredictRequest) -> Iterator[PredictResult | FailedInput]:
     """
     names, destination = request.images, request.destination
     if names.count(STDIO) > 1:
-        raise UsageError("'-' is standard input and can be read once", "give it once")
+        raise errors.UsageError("'-' is standard input and can be read once", "give it once")
     sources = [None if name == STDIO else path_of(name) for name in names]
     if destination.kind is not Kind.STDOUT:
         plans = outputs.plan_outputs(sources, destination)
@@ -99,7 +91,7 @@ def predict(request: PredictRequest) -> Iterator[PredictResult | FailedInput]:
         plans = [OutputPlan(sources[0], dict.fromkeys(destination.wanted, Path(STDIO)))]
     else:
         problem = "standard output takes one input and one format"
-        raise UsageError(problem, "name a folder for more", option="out")
+        raise errors.UsageError(problem, "name a folder for more", option="out")
     plans = [plan._replace(name=safe_name(n)) for n, plan in zip(names, plans, strict=True)]
     return _results(request, plans, request.model.start())
 
@@ -116,8 +108,8 @@ def _results(
     is_by_image = not (isinstance(anchors, tuple) or shared)
     try:
         points = None if is_by_image else request.known_points()
-    except InputError as error:
-        raise UsageError(error.message, option="anchors") from error
+    except errors.InputError as error:
+        raise errors.UsageError(error.message, option="anchors") from error
     for name in {name for plan in plans for name in plan.outputs}:
         writer_class(name)
     to_stdout = request.destination.kind is Kind.STDOUT
@@ -129,7 +121,7 @@ def _results(
             guard.check(*() if to_stdout else plan.outputs.values())
             if is_by_image:
                 points = request.known_points(plan.source)
-            with os_errors_as(InputError, "cannot read standard input"):
+            with errors.os_errors_as(errors.InputError, "cannot read standard input"):
                 data = None if plan.source else (request.stdin or sys.stdin.buffer).read()
             frame = request.read(plan.source, data)
             targets: Mapping[Format, Target] = plan.outputs
@@ -142,17 +134,17 @@ def _results(
             seconds = time.perf_counter() - start_s
             warnings = tuple(dict.fromkeys((*session.warnings, *done.warnings)))
             yield PredictResult(plan.name, names, done.depth, session.provider, seconds, warnings)
-        except (InputError, OutputError) as error:
+        except (errors.InputError, errors.OutputError) as error:
             yield FailedInput(plan.name, error)
-        except ModelError as error:
+        except errors.ModelError as error:
             from depthcli.inference.pipeline import check_network  # noqa: PLC0415 - seldom needed
 
             check_network(error, loading.result())
             yield FailedInput(plan.name, error)
         except Exception as error:
-            if not is_out_of_memory(error):
+            if not errors.is_out_of_memory(error):
                 raise
-            yield FailedInput(plan.name, InputError(failure_reason(error)))
+            yield FailedInput(plan.name, errors.InputError(failure_reason(error)))
     loading.result()  # raises if the model cannot be loaded, even if no image was read
 
 
@@ -161,7 +153,7 @@ def split_own_outputs(names: Sequence[str]) -> tuple[list[str], list[str]]:
     written = [name for name in names if name != STDIO and is_own_image(name)]
     others = [name for name in names if name not in written]
     if not others:
-        raise UsageError(
+        raise errors.UsageError(
             f"{safe_name(written[0])} was written by depthcli",
             "name an image, or use 'depthcli convert' for depth files",
         )

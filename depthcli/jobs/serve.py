@@ -3,8 +3,6 @@
 No path of a client is opened: an image comes in the body of a request, its options in the query.
 """
 
-from __future__ import annotations
-
 import asyncio
 import hmac
 import json
@@ -37,9 +35,8 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
+from depthcli import errors
 from depthcli._version import __version__
-from depthcli.errors import DepthcliError, InputError, OutputError, UsageError, is_out_of_memory
-from depthcli.errors import Message as Text
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.session import Session
 from depthcli.io.formats.table import Format
@@ -214,15 +211,15 @@ class DepthServer:
             answer = await asyncio.wait_for(asyncio.wrap_future(work), self.limits.timeout_s)
         except TimeoutError:
             raise HTTPException(503, f"not done in {self.limits.timeout_s:g} s", _RETRY) from None
-        except (InputError, OutputError, UsageError) as error:
-            is_ours = isinstance(error, OutputError) and isinstance(error.__cause__, OSError)
+        except (errors.InputError, errors.OutputError, errors.UsageError) as error:
+            is_ours = isinstance(error, errors.OutputError) and isinstance(error.__cause__, OSError)
             text = _named_as_in_query(error.message)
-            status = 400 if isinstance(error, UsageError) else 500 if is_ours else 422
+            status = 400 if isinstance(error, errors.UsageError) else 500 if is_ours else 422
             raise HTTPException(status, text) from error
         except Exception as error:
-            if is_out_of_memory(error):
+            if errors.is_out_of_memory(error):
                 raise HTTPException(503, "out of memory; send a smaller image") from error
-            reason = str(error) if isinstance(error, DepthcliError) else type(error).__name__
+            reason = str(error) if isinstance(error, errors.DepthcliError) else type(error).__name__
             raise HTTPException(500, reason) from error
         self._seconds.observe(time.perf_counter() - start)
         self._requests.labels(200).inc()
@@ -287,7 +284,7 @@ class DepthServer:
 
 def _named_as_in_query(text: str) -> str:
     """A message with the names that parameters have in a query."""
-    if not isinstance(text, Text):
+    if not isinstance(text, errors.Message):
         return text
     return text.worded(lambda name: _OF_SERVER.get(name, name))
 

@@ -11,14 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import DEPTH_M_RANGE, Intrinsics
 from depthcli.core.options import INSTALL_POINTS
+from depthcli.core.types import Float64Array
 from depthcli.errors import InputError, Message
 from depthcli.io.calibration import colmap_lines, documents_in, numbers_in
-from depthcli.io.images.jpeg import JPEG_START, exif_of_jpeg, jpeg_header
+from depthcli.io.images import jpeg, tiff
 from depthcli.io.images.pixels import upright_places
-from depthcli.io.images.tiff import parse_exif
 from depthcli.io.storage.paths import read_bytes
 from depthcli.known.points import KnownDepth
 
@@ -136,9 +135,9 @@ def _as_shown(
 ) -> tuple[Float64Array, tuple[int, int]]:
     """Pixels of an image as COLMAP reads it, which ignores EXIF, in the upright one."""
     data = read_bytes(image)
-    if not data.startswith(JPEG_START):
+    if not data.startswith(jpeg.JPEG_START):
         return pixels, size_px
-    header, exif = jpeg_header(data), parse_exif(exif_of_jpeg(data))
+    header, exif = jpeg.jpeg_header(data), tiff.parse_exif(jpeg.exif_of_jpeg(data))
     is_stored = (size_px[0] > size_px[1]) == (header.width > header.height)
     return upright_places(pixels, size_px, exif.orientation if is_stored else 1)
 

@@ -12,25 +12,9 @@ from typing import NamedTuple, Self
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import (
-    AnyArray,
-    BoolArray,
-    Float32Array,
-    Float64Array,
-    FloatArray,
-    Int64Array,
-)
+from depthcli.core import types
 from depthcli.core.camera import DEPTH_M, DEPTH_M_RANGE, Anchor
 from depthcli.core.options import DepthFit
-from depthcli.core.types import (
-    AnchorFit,
-    DepthKind,
-    DepthMap,
-    Windows,
-    displayed_depth,
-    doubt_of_metres,
-    has_depth,
-)
 from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.images.pixels import turn_beside, upright_places
 from depthcli.known.local_correction import log_correction
@@ -44,9 +28,9 @@ _SAME_ASPECT = 0.02
 class KnownDepth:
     """Pixels of known depth."""
 
-    x: Int64Array  #: (N,), columns from 0 at the left
-    y: Int64Array  #: (N,), rows from 0 at the top
-    depth_m: Float64Array  #: (N,), metres along the camera axis
+    x: types.Int64Array  #: (N,), columns from 0 at the left
+    y: types.Int64Array  #: (N,), rows from 0 at the top
+    depth_m: types.Float64Array  #: (N,), metres along the camera axis
     size_px: tuple[int, int] | None = None  #: (columns, rows) of their map; None for a list
     warnings: tuple[str, ...] = ()  #: about their file, or why it has none, one line each
     fit: DepthFit | None = None  #: how depth is fitted; None for the best that the model can
@@ -59,7 +43,7 @@ class KnownDepth:
         return cls.of_table(np.array(points, np.float64).reshape(-1, _COLUMNS))
 
     @classmethod
-    def of_table(cls, table: AnyArray) -> Self:
+    def of_table(cls, table: types.AnyArray) -> Self:
         """Points from (N, 3) numbers: column, row, metres; each is of the nearest pixel.
 
         Those without a depth or a place, such as of NaN or 0 m, are left out and counted in a
@@ -76,7 +60,7 @@ class KnownDepth:
         return cls(x, y, some[:, 2], warnings=warnings).doubted()
 
     @classmethod
-    def of_map(cls, depth_m: FloatArray) -> Self:
+    def of_map(cls, depth_m: types.FloatArray) -> Self:
         """The pixels of a sparse map, (H, W) metres, that have a depth from 1 mm to 1000 km."""
         y, x = np.nonzero((depth_m >= DEPTH_M_RANGE[0]) & (depth_m <= DEPTH_M_RANGE[1]))
         height, width = depth_m.shape
@@ -94,7 +78,7 @@ class KnownDepth:
 
     def doubted(self, advice: str = "give metres") -> Self:
         """The points, with a warning if their numbers are hardly metres."""
-        fact = doubt_of_metres(float(np.median(self.depth_m))) if len(self) else ""
+        fact = types.doubt_of_metres(float(np.median(self.depth_m))) if len(self) else ""
         warning = Message(f"known depth may be in another unit: {fact}", advice)
         return replace(self, warnings=(*self.warnings, warning)) if fact else self
 
@@ -142,7 +126,7 @@ class KnownDepth:
         warnings = (*self.warnings, warning) if turn is None else self.warnings
         return replace(self, x=x, y=y, size_px=size_px, warnings=warnings, may_be_stored=False)
 
-    def where(self, mask: BoolArray) -> Self:
+    def where(self, mask: types.BoolArray) -> Self:
         """Those for which a mask (N,) is true."""
         return replace(self, x=self.x[mask], y=self.y[mask], depth_m=self.depth_m[mask])
 
@@ -161,7 +145,9 @@ class KnownDepth:
         return replace(self, x=x, y=y, size_px=(width, height))
 
 
-def pixels_of(points: KnownDepth, windows: Windows | None) -> tuple[Int64Array, Int64Array]:
+def pixels_of(
+    points: KnownDepth, windows: types.Windows | None
+) -> tuple[types.Int64Array, types.Int64Array]:
     """Columns and rows of points of the display window, in the pixels of the file: (N,) each."""
     rows, columns = windows.display.within(windows.pixels) if windows else (slice(0), slice(0))
     return points.x + (columns.start or 0), points.y + (rows.start or 0)
@@ -194,9 +180,9 @@ class ScaleShift(NamedTuple):
 class Pairs:
     """Values and what they should become."""
 
-    values: Float64Array  #: (N,)
-    targets: Float64Array  #: (N,)
-    unit: Float64Array  #: (N,), above 0, in which the error of each pair is measured
+    values: types.Float64Array  #: (N,)
+    targets: types.Float64Array  #: (N,)
+    unit: types.Float64Array  #: (N,), above 0, in which the error of each pair is measured
     error_sd: float = 1.0  #: expected standard deviation of the errors, in their units
     shift_sd: float = math.inf  #: that of the shift, in the median unit; infinite if not known
     centre: float = field(init=False)  #: median of the absolute values; 1 if that is 0
@@ -206,7 +192,7 @@ class Pairs:
         object.__setattr__(self, "centre", float(np.median(np.abs(self.values))) or 1.0)
         object.__setattr__(self, "median_unit", float(np.median(self.unit)))
 
-    def errors(self, fit: ScaleShift) -> Float64Array:
+    def errors(self, fit: ScaleShift) -> types.Float64Array:
         """Absolute error of each pair, in its unit: (N,) float64."""
         return np.abs(fit.scale * self.values + fit.shift - self.targets) / self.unit
 
@@ -218,7 +204,7 @@ class Pairs:
         return Pairs(*some, self.error_sd, self.shift_sd)
 
 
-def least_squares(pairs: Pairs, weights: Float64Array | None = None) -> ScaleShift:
+def least_squares(pairs: Pairs, weights: types.Float64Array | None = None) -> ScaleShift:
     """The most probable scale and shift if all errors and the shift are normally distributed.
 
     Values are not all equal, or the shift is expected to be finite. Weights are (N,) float64.
@@ -233,7 +219,7 @@ def least_squares(pairs: Pairs, weights: Float64Array | None = None) -> ScaleShi
     return ScaleShift(float(scale) / centre, float(shift) * unit)
 
 
-def robust(pairs: Pairs) -> tuple[ScaleShift, Float64Array]:
+def robust(pairs: Pairs) -> tuple[ScaleShift, types.Float64Array]:
     """Like :func:`least_squares`, but wrong pairs have no effect.
 
     An MM-like estimate: the least absolute errors, then iteratively reweighted least squares with
@@ -262,7 +248,7 @@ def robust(pairs: Pairs) -> tuple[ScaleShift, Float64Array]:
     return fit, _biweights(pairs.errors(fit) / width)
 
 
-def _biweights(errors: Float64Array) -> Float64Array:
+def _biweights(errors: types.Float64Array) -> types.Float64Array:
     """Tukey's biweight of errors, 0 from 1 on."""
     return (1 - np.minimum(errors, 1) ** 2) ** 2
 
@@ -280,12 +266,12 @@ _GRID_COLUMNS, _ROWS, _SPREAD_CELLS = 6, 4, 12
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what overflows is no depth
 def fit_known_depth(
-    depth: DepthMap,
+    depth: types.DepthMap,
     points: Sequence[Anchor] | KnownDepth,
-    windows: Windows | None = None,
+    windows: types.Windows | None = None,
     *,
-    followed: BoolArray | None = None,
-) -> tuple[DepthMap, tuple[str, ...]]:
+    followed: types.BoolArray | None = None,
+) -> tuple[types.DepthMap, tuple[str, ...]]:
     """Metric depth that fits known points best, and warnings about it.
 
     First scale and shift of least squares, with five or more points by
@@ -309,11 +295,11 @@ def fit_known_depth(
         fit puts a pixel at or behind the camera.
     """
     points = points if isinstance(points, KnownDepth) else KnownDepth.of(points)
-    displayed = displayed_depth(depth, windows)
+    displayed = types.displayed_depth(depth, windows)
     count = len(points)
     inside = points.within(displayed.width, displayed.height)
     values = displayed.values[inside.y, inside.x].astype(np.float64)
-    has_value = has_depth(values, depth.kind)
+    has_value = types.has_depth(values, depth.kind)
     if len(inside) < ROBUST_FROM or not has_value.any():
         for x, y in zip(inside.x[~has_value], inside.y[~has_value], strict=True):
             raise UsageError(f"the map has no depth at {x},{y}; choose another pixel")
@@ -322,25 +308,29 @@ def fit_known_depth(
         result, used, how = depth, followed[has_value], DepthFit.NETWORK
     else:
         result, used, how = _followed(depth, points, values[has_value], windows)
-    fitted_m = displayed_depth(result, windows).values[points.y, points.x]
+    fitted_m = types.displayed_depth(result, windows).values[points.y, points.x]
     errors_m = np.abs(fitted_m - points.depth_m)
     errors_m = errors_m[np.isfinite(errors_m)]
     source = replace(
         depth.provenance,
         anchors=inside.listed(),
-        anchor_fit=AnchorFit(int(used.sum()), count, float(np.median(errors_m)), how),
+        anchor_fit=types.AnchorFit(int(used.sum()), count, float(np.median(errors_m)), how),
     )
     warnings, lost = inside.warnings, int(np.count_nonzero(depth.valid & ~result.valid))
     if lost:
         share = f"{100 * lost / depth.values.size:.3g} %"
-        place = "at or beyond infinity" if depth.kind is DepthKind.INVERSE else "at or below 0 m"
+        place = (
+            "at or beyond infinity" if depth.kind is types.DepthKind.INVERSE else "at or below 0 m"
+        )
         warnings += (f"{lost} pixels ({share}) are {place} after the fit and have no depth",)
     places = pixels_of(points.where(used), windows)
     error = None if depth.error is None else _error_with(depth.error, *places, how)
     return replace(result, provenance=source, error=error), warnings
 
 
-def _error_with(error: Float32Array, x: Int64Array, y: Int64Array, how: DepthFit) -> Float32Array:
+def _error_with(
+    error: types.Float32Array, x: types.Int64Array, y: types.Int64Array, how: DepthFit
+) -> types.Float32Array:
     """The relative error that is expected once depth follows points: (H, W) float32."""
     factor, power, slope = _ERROR_LAWS[how]
     if how is DepthFit.GLOBAL:
@@ -352,10 +342,16 @@ def _error_with(error: Float32Array, x: Int64Array, y: Int64Array, how: DepthFit
 
 
 def _followed(
-    depth: DepthMap, points: KnownDepth, values: Float64Array, windows: Windows | None
-) -> tuple[DepthMap, BoolArray, DepthFit]:
+    depth: types.DepthMap,
+    points: KnownDepth,
+    values: types.Float64Array,
+    windows: types.Windows | None,
+) -> tuple[types.DepthMap, types.BoolArray, DepthFit]:
     """Fitted depth, which points it follows, and how; ``values`` are its own at the points."""
-    displayed, inverse = displayed_depth(depth, windows), depth.kind is DepthKind.INVERSE
+    displayed, inverse = (
+        types.displayed_depth(depth, windows),
+        depth.kind is types.DepthKind.INVERSE,
+    )
     targets = 1 / points.depth_m if inverse else points.depth_m
     # In which cell of a coarse grid over the image each point is.
     columns = points.x * _GRID_COLUMNS // displayed.width
@@ -368,22 +364,22 @@ def _followed(
     fitted = depth.values * np.float32(fit.scale) + np.float32(fit.shift)
     if inverse:
         fitted = np.float32(1) / fitted
-    fitted = np.where(depth.valid & has_depth(fitted), fitted, np.float32(np.nan))
+    fitted = np.where(depth.valid & types.has_depth(fitted), fitted, np.float32(np.nan))
     how = DepthFit.GLOBAL
     if len(used) >= ROBUST_FROM and points.fit is not DepthFit.GLOBAL:
         log_m, (x, y) = np.log(fitted), pixels_of(points, windows)
         at = np.stack([(y + 0.5) / depth.height, (x + 0.5) / depth.width, log_m[y, x]])
         fitted = fitted * np.exp(log_correction(log_m, at, points.depth_m, used))
         how = DepthFit.LOCAL
-    return DepthMap(fitted, DepthKind.METRIC), used, how
+    return types.DepthMap(fitted, types.DepthKind.METRIC), used, how
 
 
 def fitted(
-    depth: DepthMap,
+    depth: types.DepthMap,
     points: KnownDepth | None,
-    windows: Windows | None = None,
-    followed: BoolArray | None = None,
-) -> tuple[DepthMap, tuple[str, ...]]:
+    windows: types.Windows | None = None,
+    followed: types.BoolArray | None = None,
+) -> tuple[types.DepthMap, tuple[str, ...]]:
     """Depth of one of several images, by :func:`fit_known_depth`, and warnings about it.
 
     Depth is unchanged without points.
@@ -402,8 +398,11 @@ def fitted(
 
 
 def _fit(
-    values: Float64Array, targets: Float64Array, kind: DepthKind, cells: Int64Array
-) -> tuple[ScaleShift, BoolArray]:
+    values: types.Float64Array,
+    targets: types.Float64Array,
+    kind: types.DepthKind,
+    cells: types.Int64Array,
+) -> tuple[ScaleShift, types.BoolArray]:
     """The best scale and shift, and which points it is fitted to.
 
     ``cells`` is the cell of a coarse grid that each point is in.
@@ -416,7 +415,7 @@ def _fit(
                 "scale; give two points"
             )
         return ScaleShift(float(targets[0] / values[0]), 0.0), used
-    if kind is DepthKind.METRIC:
+    if kind is types.DepthKind.METRIC:
         expected_m = values * np.median(targets / values)
         pairs = Pairs(values, targets, expected_m, ERROR_SD, SHIFT_SD)
     elif np.ptp(values) > 0:
@@ -431,7 +430,7 @@ def _fit(
         fit, weights = robust(pairs)
         used = weights > 0
         count = len(np.unique(cells[used]))
-        if kind is DepthKind.METRIC and count < min(_SPREAD_CELLS, int(used.sum())):
+        if kind is types.DepthKind.METRIC and count < min(_SPREAD_CELLS, int(used.sum())):
             # Points of a region agree with each other, whatever the shift.
             fit = least_squares(pairs, weights * min(1.0, count / weights.sum()))
     if not 0 < fit.scale < math.inf:

@@ -3,8 +3,6 @@
 That of the frames of a video is the same for all, or of each by its number or time.
 """
 
-from __future__ import annotations
-
 import re
 from bisect import bisect_left
 from collections import defaultdict
@@ -17,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from depthcli.core.arrays import Float64Array
 from depthcli.core.camera import Anchor, Intrinsics
 from depthcli.core.options import DepthFit, Rule
+from depthcli.core.types import Float64Array
 from depthcli.errors import InputError, UsageError
 from depthcli.io.bags import CLOUD, Origin, Transforms, pixels_of
 from depthcli.io.depth.read import read_embedded_depth, read_stored_depth
@@ -27,14 +25,7 @@ from depthcli.io.formats.raster import COLMAP_MAP
 from depthcli.io.listing import CsvTable
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.stored.depth import DepthReadOptions
-from depthcli.known.clouds import (
-    cloud_of_message,
-    matrix_of,
-    projected,
-    read_cloud,
-    read_extrinsics,
-    read_reconstruction,
-)
+from depthcli.known import clouds
 from depthcli.known.files import ALTERNATIVES, CLOUDS, OUTPUT, SUFFIXES, KnownDepthFiles
 from depthcli.known.points import KnownDepth
 from depthcli.video.numbering import times_ns
@@ -61,7 +52,7 @@ def read_known_depth(
     if image is None:
         raise InputError("standard input is no file whose own depth can be read")
     if files.reconstruction:
-        return read_reconstruction(files.reconstruction, image, files.scale)
+        return clouds.read_reconstruction(files.reconstruction, image, files.scale)
     return _of_phone(image, files.camera)
 
 
@@ -97,7 +88,7 @@ def read_file(path: Path, files: KnownDepthFiles) -> KnownDepth:
 def _of_cloud(path: Path, files: KnownDepthFiles) -> KnownDepth:
     if files.kind:
         raise InputError(f"{path} has points in three dimensions", "remove {anchors_kind}")
-    points = _placed(read_cloud(path), files)
+    points = _placed(clouds.read_cloud(path), files)
     if not len(points):
         raise InputError(f"{path} has no point before the camera", "give its {extrinsics}")
     return points if files.scale else points.doubted("{anchors_scale} states another")
@@ -109,10 +100,10 @@ def _placed(
     """The points of a cloud in the image; the pose is in place of that of extrinsics."""
     cloud_m, doubts = cloud / (files.scale or 1), tuple[str, ...]()
     if files.extrinsics:
-        pose, doubts = read_extrinsics(files.extrinsics)
+        pose, doubts = clouds.read_extrinsics(files.extrinsics)
     if pose is not None:
         cloud_m = cloud_m @ pose[:3, :3].T + pose[:3, 3]
-    points = projected(cloud_m, files.camera)
+    points = clouds.projected(cloud_m, files.camera)
     return replace(points, warnings=doubts + points.warnings)
 
 
@@ -156,7 +147,7 @@ def read_topic(origin: Origin, files: KnownDepthFiles, camera: Intrinsics) -> Kn
     frame, image_frame = message.header.frame_id, origin.header.frame_id
     if message.__msgtype__ == CLOUD:
         pose = None if files.extrinsics else _pose(origin.transforms, frame, image_frame)
-        points = _placed(cloud_of_message(message), replace(files, camera=camera), pose)
+        points = _placed(clouds.cloud_of_message(message), replace(files, camera=camera), pose)
     elif frame == image_frame:
         points = KnownDepth.of_map(_depth(message))
     else:
@@ -190,7 +181,7 @@ def _above(transforms: Transforms, frame: str) -> dict[str, Float64Array]:
     poses: dict[str, Float64Array] = {frame: np.eye(4)}
     while frame in transforms and transforms[frame][0] not in poses:
         above, numbers = transforms[frame]
-        poses[above] = matrix_of(numbers) @ poses[frame]
+        poses[above] = clouds.matrix_of(numbers) @ poses[frame]
         frame = above
     return poses
 

@@ -15,17 +15,9 @@ from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-from depthcli.core.options import short_repr
-from depthcli.core.validation import FieldError, parsed_json, validated
+from depthcli.core import options, validation
 from depthcli.errors import ModelError, UsageError, os_errors_as
-from depthcli.io.storage.paths import (
-    RemotePath,
-    path_of,
-    read_regular,
-    regular_size,
-    safe_name,
-    user_folder,
-)
+from depthcli.io.storage import paths
 from depthcli.models.card import METADATA_KEY, DataFile, ModelCard
 
 _IR_VERSION, _GRAPH, _OPSETS, _METADATA = 1, 7, 8, 14
@@ -210,7 +202,7 @@ def roots() -> tuple[Path, ...]:
     """Folders of models: the environment variable's, the user's, the bundled, a checkout's."""
     package = Path(__file__).resolve().parents[1]
     stated = filter(None, os.environ.get(MODELS_VARIABLE, "").split(os.pathsep))
-    folders = [*map(Path, stated), user_folder("data") / "models", package / "_bundled"]
+    folders = [*map(Path, stated), paths.user_folder("data") / "models", package / "_bundled"]
     if (package.parent / "pyproject.toml").is_file():
         folders.append(package.parent / "models")
     return tuple(folders)
@@ -279,14 +271,13 @@ def find_model(name_or_path: str | os.PathLike[str] | None = None) -> Model:
     folders = () if is_path else roots()
     candidates = [root / file for root in folders for file in (name, name + _ONNX_SUFFIX)]
     # The name may be too long, or its host not be reached.
-    with os_errors_as(ModelError, f"no model at {short_repr(safe_name(name))}"):
-        location = next(filter(None, map(location_at, [*candidates, path_of(name)])), None)
+    with os_errors_as(ModelError, f"no model at {options.short_repr(paths.safe_name(name))}"):
+        location = next(filter(None, map(location_at, [*candidates, paths.path_of(name)])), None)
     if location:
         return read_model(location)
     if is_path:
-        raise ModelError(
-            f"no model at {safe_name(name)!r}; give an .onnx file or a folder with {CARD_NAME}"
-        )
+        problem = f"no model at {paths.safe_name(name)!r}"
+        raise ModelError(f"{problem}; give an .onnx file or a folder with {CARD_NAME}")
     advice = "see 'depthcli models list', or give a path"
     if name in ready_names():
         advice = f"it is a ready card; {how_to_add(ready_card(name), name)}"
@@ -305,7 +296,7 @@ def read_model(location: ModelLocation) -> Model:
                 f"{location.path}: file is missing; name the model's ONNX file in the card"
             )
         path = location.path.with_name(card.file)
-    data = read_limited(path, MAX_BYTES) if isinstance(path, RemotePath) else None
+    data = read_limited(path, MAX_BYTES) if isinstance(path, paths.RemotePath) else None
     size, sha256 = (len(data), hashlib.sha256(data).hexdigest()) if data else checksum(path)
     if card:
         check_file(card, path, size, sha256)
@@ -336,7 +327,7 @@ def read_model(location: ModelLocation) -> Model:
 def checksum(path: Path) -> tuple[int, str]:
     """Size and SHA-256 of a local model file, which may be larger than the memory."""
     with os_errors_as(ModelError, f"cannot read {path}"):
-        size = regular_size(path)
+        size = paths.regular_size(path)
         with path.open("rb") as file:
             return size, hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -344,8 +335,8 @@ def checksum(path: Path) -> tuple[int, str]:
 def files_of_card(card: Path) -> list[str]:
     """Names of the files that a card states, first the ONNX file; none if it cannot be read."""
     try:
-        fields = validated(dict[str, Any], parsed_json(read_limited(card)))
-    except (ModelError, FieldError):
+        fields = validation.validated(dict[str, Any], validation.parsed_json(read_limited(card)))
+    except (ModelError, validation.FieldError):
         return []
     others = fields.get("data")
     entries = [fields, *(others if isinstance(others, list) else [])]
@@ -365,7 +356,7 @@ def unused_card(path: Path) -> str:
 def read_limited(path: Path, max_bytes: int = _MAX_CARD_BYTES) -> bytes:
     """Content of a local or remote file, by default of a card."""
     with os_errors_as(ModelError, f"cannot read {path}"):
-        return read_regular(path, max_bytes)
+        return paths.read_regular(path, max_bytes)
 
 
 def check_file(card: ModelCard | DataFile, path: Path, size: int, sha256: str) -> None:

@@ -25,10 +25,8 @@ from av.video.frame import VideoFrame
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 from av.video.stream import VideoStream
 
-from depthcli.core.arrays import UInt8Array, UInt16Array
-from depthcli.core.imageops import PANORAMA, transfer_warning
+from depthcli.core import imageops, types
 from depthcli.core.options import Eye, Projection, ReadOptions
-from depthcli.core.types import Frame, pixel_aspect_of
 from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.images.pixels import from_video_range, full_range, upright
 from depthcli.io.images.read import masked
@@ -235,7 +233,7 @@ _EXIF_OF_ANGLE = {90: 8, 180: 3, 270: 6}  # in degrees, counter-clockwise
 
 def rgb_pixels(
     frame: VideoFrame, reformatter: VideoReformatter, *, has_alpha: bool = False
-) -> UInt8Array | UInt16Array:
+) -> types.UInt8Array | types.UInt16Array:
     """A frame converted to RGB from its own colour space and range, not rotated.
 
     If it states no colour space, that is BT.601 up to 576 rows and BT.709 above, as in players.
@@ -252,7 +250,7 @@ def rgb_pixels(
         dst_color_range=ColorRange.JPEG,
         interpolation=Interpolation.BICUBIC,
     )
-    pixels: UInt8Array | UInt16Array = rgb.to_ndarray()  # type: ignore[assignment]
+    pixels: types.UInt8Array | types.UInt16Array = rgb.to_ndarray()  # type: ignore[assignment]
     is_limited = frame.color_range == ColorRange.MPEG and frame.format.name.startswith("gray")
     return from_video_range(pixels) if is_limited else pixels  # FFmpeg takes gray as it is
 
@@ -281,7 +279,7 @@ def camera_warnings(
     frame: VideoFrame, eye: Eye | None, projection: Projection | None
 ) -> Iterator[str]:
     """Warnings by the first frame, but not about a view or a projection that is given."""
-    if warning := transfer_warning(frame.color_trc, "video", "BT.709"):
+    if warning := imageops.transfer_warning(frame.color_trc, "video", "BT.709"):
         yield warning
     if frame.interlaced_frame:
         yield Message(
@@ -299,7 +297,7 @@ def camera_warnings(
         )
     sphere = _PROJECTIONS.get(struct.unpack_from("<i", spherical)[0]) if spherical else None
     if sphere is Projection.EQUIRECTANGULAR and projection is None:
-        yield PANORAMA
+        yield imageops.PANORAMA
     elif sphere not in {None, projection}:
         yield f"its frames are a panorama ({sphere}), which is taken for another projection"
 
@@ -375,7 +373,7 @@ class FrameConverter:
         self.width, self.height = size[::-1] if is_turned else size
         squeeze = squeeze_of(first, pixel_aspect or Fraction(1), options)
         aspect = (pixel_aspect or 1) * squeeze
-        self._pixel_aspect = pixel_aspect_of(aspect, is_turned=is_turned)
+        self._pixel_aspect = types.pixel_aspect_of(aspect, is_turned=is_turned)
         self._is_begun = False
         self.warnings = tuple(camera_warnings(first, options.eye, options.projection))
         if squeeze != 1:
@@ -384,7 +382,7 @@ class FrameConverter:
             )
             self.warnings += (Message(problem, "{pixel_aspect} states another width"),)
 
-    def image(self, decoded: VideoFrame, index: int, time_s: Fraction) -> Frame:
+    def image(self, decoded: VideoFrame, index: int, time_s: Fraction) -> types.Frame:
         """A frame, upright; where it is transparent, with the colours around that.
 
         The first one has the warnings about its pixels. InputError if it cannot be converted, or
@@ -404,7 +402,7 @@ class FrameConverter:
         is_first, self._is_begun = not self._is_begun, True
         if is_first or options.white_level is not None or options.black_level:
             rgb, warnings = full_range(rgb, None, options.white_level, options.black_level)
-        frame = Frame(
+        frame = types.Frame(
             rgb if rgb.flags.c_contiguous else rgb.copy(),
             index=index,
             timestamp_s=float(time_s),

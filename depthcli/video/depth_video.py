@@ -15,9 +15,8 @@ from depthcli.errors import InputError
 from depthcli.io.media import LABEL_PREFIX
 from depthcli.io.stored import metadata
 from depthcli.io.stored.depth import StoredDepth
-from depthcli.video import frames
+from depthcli.video import formats, frames
 from depthcli.video.container import open_video
-from depthcli.video.formats import DEPTH_PIXELS
 
 _ROUNDED_S = 0.001  # times in Matroska
 _ORIGIN = re.compile(r"(-?\d{1,8}),(-?\d{1,8})", re.ASCII)
@@ -52,7 +51,7 @@ class DepthVideo:
         self.path = Path(path)
         container, stream = open_video(self.path)
         pixel_format, fps = stream.codec_context.pix_fmt, stream.average_rate
-        if pixel_format != DEPTH_PIXELS:
+        if pixel_format != formats.DEPTH_PIXELS:
             raise InputError(f"{self.path} is not 16-bit gray, so it holds no depth")
         labels = {
             name.removeprefix(LABEL_PREFIX).lower(): text

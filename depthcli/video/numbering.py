@@ -11,9 +11,8 @@ from pathlib import Path, PurePath
 from typing import NamedTuple
 
 from depthcli.errors import InputError, UsageError, os_errors_as
+from depthcli.io import guard, media
 from depthcli.io.formats.table import READABLE_SUFFIXES
-from depthcli.io.guard import is_own_image
-from depthcli.io.media import is_exr, is_image
 from depthcli.io.storage.paths import RemotePath, path_of
 
 _NUMBER = re.compile(r"\d+", re.ASCII)
@@ -110,12 +109,12 @@ def find_images(path: Path, *, is_depth: bool = False) -> list[NumberedImage]:
         elif is_depth:
             names = (n for n in names if PurePath(n).suffix.lower() in READABLE_SUFFIXES)
         else:
-            names = (name for name in names if is_image(name) or is_exr(name))
+            names = (name for name in names if media.is_image(name) or media.is_exr(name))
         matching = [folder / name for name in names if not (is_folder and name.startswith("."))]
     if not matching:
         what = "no image" if is_folder else "no such image: nothing fits the pattern"
         raise InputError(f"{path} has {what}", "see docs/video.md for image sequences")
-    paths = [file for file in matching if is_depth or not is_own_image(file)]
+    paths = [file for file in matching if is_depth or not guard.is_own_image(file)]
     if not paths:
         problem = f"{matching[0]} was written by depthcli, as was all of {path}"
         raise InputError(problem, "name the images that it was made of")

@@ -17,8 +17,7 @@ from av.video.reformatter import ColorRange, Colorspace, Interpolation
 from av.video.stream import VideoStream
 
 from depthcli._version import __version__
-from depthcli.core.arrays import UInt8Array, UInt16Array
-from depthcli.core.types import DepthMap, Frame, displayed_depth, displayed_frame
+from depthcli.core import types
 from depthcli.errors import OutputError, about
 from depthcli.io.formats.preview import PreviewWriter, StereoWriter
 from depthcli.io.formats.table import Format, WriterOptions, writer_of
@@ -26,22 +25,9 @@ from depthcli.io.guard import Guard
 from depthcli.io.media import COMMENT_PREFIX, LABEL_PREFIX
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.stored.metadata import UINT16_MAX, metadata_texts, normalized, quantized, step_unit
+from depthcli.video import decoder, depth_video, formats, frames, numbering
 from depthcli.video.audio import AudioTrack
 from depthcli.video.container import OutputPipe
-from depthcli.video.decoder import state_number
-from depthcli.video.depth_video import frame_texts
-from depthcli.video.formats import (
-    CONTAINERS,
-    DEPTH_PIXELS,
-    ENCODINGS,
-    FFV1,
-    PreviewCodec,
-    VideoFormat,
-    check_encoder,
-    preview_codec,
-)
-from depthcli.video.frames import Timing, rate_text, time_code_label
-from depthcli.video.numbering import numbered_name
 
 _REFUSALS = (av.ArgumentError, av.ExternalError, av.UndefinedError, NotImplementedError)  # of sizes
 _BT709 = 1
@@ -59,8 +45,8 @@ _FRAGMENTS = "+frag_keyframe+empty_moov+default_base_moof"
 class DepthFrame:
     """A frame with its depth, ready to be written."""
 
-    image: Frame  #: the frame of the video
-    depth: DepthMap  #: its depth
+    image: types.Frame  #: the frame of the video
+    depth: types.DepthMap  #: its depth
     spread: tuple[float, float]  #: low and high end of the preview's range
     is_kept: bool = False  #: whether an earlier run wrote it
 
@@ -71,8 +57,8 @@ class DepthFrame:
 
     def displayed(self) -> Self:
         """The frame without overscan, which formats without a display window cannot mark."""
-        depth = displayed_depth(self.depth, self.image.windows)
-        return replace(self, image=displayed_frame(self.image), depth=depth)
+        depth = types.displayed_depth(self.depth, self.image.windows)
+        return replace(self, image=types.displayed_frame(self.image), depth=depth)
 
 
 class VideoOutput(ExitStack, ABC):
@@ -106,7 +92,7 @@ class VideoFile(VideoOutput):
     def __init__(
         self,
         target: Path | OutputPipe,
-        timing: Timing,
+        timing: frames.Timing,
         audio: AudioTrack | None = None,
     ) -> None:
         """Prepare a file; it is opened with the first frame, and replaces any other.
@@ -114,7 +100,7 @@ class VideoFile(VideoOutput):
         The suffix of the target chooses the container, which has to support the codec. OutputError
         if there is no encoder.
         """
-        check_encoder(self._codec)
+        formats.check_encoder(self._codec)
         super().__init__()
         self._target, self._timing, self._audio = target, timing, audio
 
@@ -156,7 +142,7 @@ class VideoFile(VideoOutput):
         packets = stream.encode(coded)
         if number is not None:
             for packet in packets:  # FFV1 has no delay, so it is the frame's
-                state_number(packet, number)
+                decoder.state_number(packet, number)
         container.mux(packets)
         self._check_pipe()
 
@@ -176,7 +162,7 @@ class VideoFile(VideoOutput):
     def _new_container(self, labels: Mapping[str, str]) -> OutputContainer:
         """A new file without streams, which is reproducible."""
         target, options = self._target, {"fflags": "+bitexact"}
-        name, is_pipe = CONTAINERS[target.suffix.lower()], isinstance(target, OutputPipe)
+        name, is_pipe = formats.CONTAINERS[target.suffix.lower()], isinstance(target, OutputPipe)
         if name in {"mp4", "mov"}:
             # In a pipe, fragments: an index at the beginning has to wait for all frames.
             layout = _FRAGMENTS if is_pipe else "+faststart"
@@ -191,9 +177,9 @@ class VideoFile(VideoOutput):
         self, container: OutputContainer, frame: VideoFrame, pixel_aspect: float
     ) -> VideoStream:
         """Add a video stream for frames of the size of one."""
-        if self._codec == PreviewCodec.AV1:
+        if self._codec == formats.PreviewCodec.AV1:
             os.environ.setdefault("SVT_LOG", "0")  # else it writes to standard error
-        encoding, timing = ENCODINGS[self._codec], self._timing
+        encoding, timing = formats.ENCODINGS[self._codec], self._timing
         options = {**dict(encoding.options), **self._tags, "flags": "+bitexact"}
         added = container.add_stream(encoding.encoder, rate=timing.rate, options=options)
         stream = cast("VideoStream", added)
@@ -203,7 +189,7 @@ class VideoFile(VideoOutput):
         stream.time_base = context.time_base = timing.time_base
         keyframe_interval = max(1, min(round(_KEYFRAME_INTERVAL_S * timing.rate), _MAX_GOP))
         context.gop_size = 1 if encoding.is_intra_only else keyframe_interval
-        if encoding.pixel_format != DEPTH_PIXELS:
+        if encoding.pixel_format != formats.DEPTH_PIXELS:
             context.colorspace = context.color_primaries = context.color_trc = _BT709
             context.color_range = ColorRange.MPEG
         if pixel_aspect != 1:  # PyAV cannot state it in the header of Matroska and WebM
@@ -226,7 +212,7 @@ class VideoFile(VideoOutput):
             problem = f"no {self._codec} video of {size} pixels can be written"
             advice = "choose an image sequence with {format} png16 or exr"
             raise OutputError(problem, advice) from error
-        if self._codec == PreviewCodec.AV1:
+        if self._codec == formats.PreviewCodec.AV1:
             _leave_real_time()
 
     def _check_pipe(self) -> None:
@@ -242,15 +228,17 @@ def _leave_real_time() -> None:
                 os.sched_setscheduler(int(task.name), os.SCHED_OTHER, os.sched_param(0))
 
 
-def _av_frame(pixels: UInt16Array | UInt8Array, codec: str) -> VideoFrame:
+def _av_frame(pixels: types.UInt16Array | types.UInt8Array, codec: str) -> VideoFrame:
     """A PyAV frame in the pixel format of a codec; thread-safe.
 
     Pixels are (H, W) uint16 for FFV1, else (H, W, 3) RGB uint8. For codecs with chroma subsampling,
     an odd row or column is doubled.
     """
-    pixel_format, (height, width) = ENCODINGS[codec].pixel_format, pixels.shape[:2]
-    if pixel_format == DEPTH_PIXELS:
-        return VideoFrame.from_ndarray(np.ascontiguousarray(pixels, np.uint16), DEPTH_PIXELS)
+    pixel_format, (height, width) = formats.ENCODINGS[codec].pixel_format, pixels.shape[:2]
+    if pixel_format == formats.DEPTH_PIXELS:
+        return VideoFrame.from_ndarray(
+            np.ascontiguousarray(pixels, np.uint16), formats.DEPTH_PIXELS
+        )
     odd = (0, height % 2), (0, width % 2), (0, 0)
     even = np.pad(pixels, odd, mode="edge") if height % 2 or width % 2 else pixels
     return VideoFrame.from_ndarray(np.ascontiguousarray(even, np.uint8), "rgb24").reformat(
@@ -266,9 +254,11 @@ def _av_frame(pixels: UInt16Array | UInt8Array, codec: str) -> VideoFrame:
 class DepthVideoOutput(VideoFile):
     """Quantized depth as lossless 16-bit gray: 0 = no depth, saturating."""
 
-    _codec = FFV1
+    _codec = formats.FFV1
 
-    def __init__(self, target: Path | OutputPipe, timing: Timing, writing: WriterOptions) -> None:
+    def __init__(
+        self, target: Path | OutputPipe, timing: frames.Timing, writing: WriterOptions
+    ) -> None:
         """Prepare the units per metre of 16-bit files; without metres, the ends of previews."""
         super().__init__(target, timing)
         self._writing, self._scale = writing, writing.units_per_metre
@@ -283,7 +273,7 @@ class DepthVideoOutput(VideoFile):
         else:
             low, high = self._writing.range_of(frame.spread)
             steps, saturated = normalized(depth.values, depth.valid, low, high), 0
-        return frame, _av_frame(steps, FFV1), saturated
+        return frame, _av_frame(steps, formats.FFV1), saturated
 
     def append(self, encoded: tuple[DepthFrame, VideoFrame, int]) -> None:
         """Write a frame; with the first one, metadata: rate, scale, unit and model."""
@@ -310,8 +300,8 @@ class DepthVideoOutput(VideoFile):
 
     def _labels(self, frame: DepthFrame) -> dict[str, str]:
         labels = metadata_texts(frame.depth) | {
-            "frame_rate": rate_text(self._timing.rate),
-            **frame_texts(frame.image, self._timing),
+            "frame_rate": frames.rate_text(self._timing.rate),
+            **depth_video.frame_texts(frame.image, self._timing),
             "start_s": f"{frame.time_s:.12g}",
             "scale": f"{self._scale:g}" if frame.depth.is_metric else "normalized",
         }
@@ -319,7 +309,7 @@ class DepthVideoOutput(VideoFile):
         if frame.depth.is_metric:
             labels["unit"] = step_unit(self._scale)
         tags = {f"{LABEL_PREFIX}{name.upper()}": text for name, text in labels.items()}
-        return tags | time_code_label(frame.image.time_code, self._timing)
+        return tags | frames.time_code_label(frame.image.time_code, self._timing)
 
 
 class PreviewVideoOutput(VideoFile):
@@ -328,17 +318,17 @@ class PreviewVideoOutput(VideoFile):
     def __init__(
         self,
         target: Path | OutputPipe,
-        timing: Timing,
+        timing: frames.Timing,
         writer: PreviewWriter | StereoWriter,
         *,
-        codec: PreviewCodec = PreviewCodec.H264,
+        codec: formats.PreviewCodec = formats.PreviewCodec.H264,
         audio: AudioTrack | None = None,
     ) -> None:
         """Prepare a file in ``.mp4``, ``.webm`` or ``.mov``, which supports the codec."""
         self._codec, self._writer = codec, writer
         layout = writer.stereo_layout if isinstance(writer, StereoWriter) else ""
         packing = _PACKINGS.get(layout.removeprefix("half-"))
-        if packing is not None and codec is PreviewCodec.H264:
+        if packing is not None and codec is formats.PreviewCodec.H264:
             self._tags = {"x264-params": f"frame-packing={packing}"}
         super().__init__(target, timing, audio)
 
@@ -351,27 +341,27 @@ class PreviewVideoOutput(VideoFile):
         """Write a frame; with the first one, a comment that says what wrote the file."""
         coded_frame, frame = encoded
         labels = {"comment": f"{COMMENT_PREFIX}{__version__}"}
-        labels |= time_code_label(frame.image.time_code, self._timing)
+        labels |= frames.time_code_label(frame.image.time_code, self._timing)
         self._write(coded_frame, frame, labels)
 
 
 def video_file(
-    format_: VideoFormat,
+    format_: formats.VideoFormat,
     target: Path | OutputPipe,
-    timing: Timing,
+    timing: frames.Timing,
     writing: WriterOptions,
-    codec: PreviewCodec | None = None,
+    codec: formats.PreviewCodec | None = None,
     audio: AudioTrack | None = None,
 ) -> VideoFile:
     """The output of a format that is one video: lossless depth, a preview, or stereo pairs.
 
     ``codec`` and ``audio`` are for the latter two; None for the usual codec, and for no sound.
     """
-    if format_ is VideoFormat.MKV:
+    if format_ is formats.VideoFormat.MKV:
         return DepthVideoOutput(target, timing, writing)
-    image = Format.STEREO if format_ is VideoFormat.STEREO else Format.PREVIEW
+    image = Format.STEREO if format_ is formats.VideoFormat.STEREO else Format.PREVIEW
     writer = cast("PreviewWriter | StereoWriter", writer_of(image, writing))
-    chosen = preview_codec(format_, codec)
+    chosen = formats.preview_codec(format_, codec)
     return PreviewVideoOutput(target, timing, writer, codec=chosen, audio=audio)
 
 
@@ -392,7 +382,7 @@ class SequenceOutput(VideoOutput):
         """Write the file; in any order."""
         if frame.is_kept:
             return ()
-        path = self._folder / numbered_name(self._pattern, frame.image.index)
+        path = self._folder / numbering.numbered_name(self._pattern, frame.image.index)
         self._guard.check(path)
         with atomic_path(path) as temporary:
             return self._writer.write(frame.depth, temporary, frame.image)

@@ -22,10 +22,9 @@ from depthcli.io.exr.image import read_exr_image
 from depthcli.io.images.heif import boxes
 from depthcli.io.images.read import read_image
 from depthcli.io.media import COMMENT_PREFIX, LABEL_PREFIX, is_exr
+from depthcli.video import decoder, numbering
 from depthcli.video import frames as clock
 from depthcli.video.container import InputPipe, LiveStream, open_video, pipe_advice, video_streams
-from depthcli.video.decoder import FrameConverter, FrameDecoder, is_incomplete_matroska
-from depthcli.video.numbering import NumberedImage, are_times, find_images, is_sequence
 
 # Streams without a container, whose average rate FFmpeg sets to 25 whatever they state.
 _RAW_FORMATS = {"cavsvideo", "dirac", "dv", "h261", "h263", "h264", "hevc", "jpeg_pipe",
@@ -108,14 +107,14 @@ class VideoSource(clock.FrameSource):
             self.warnings += (Message(f"{problem}, and the others are left out", "give {stream}"),)
         self._focal_mm = focal_lengths(self._path, self._container)
         self._time_code = clock.header_time_code(self._container, chosen, self.rate)
-        self._decoder = FrameDecoder(self._container, chosen, is_own=is_own_depth)
+        self._decoder = decoder.FrameDecoder(self._container, chosen, is_own=is_own_depth)
         first = next(self._decoder.frames, None)
         self._check_pipe()
         if first is None:
             problem = f"{source} holds no frame that can be decoded: it is damaged"
             raise InputError(problem, pipe_advice(self._source))
         self._first, self._is_read = first, False
-        self._converter = FrameConverter(first, chosen.sample_aspect_ratio, options)
+        self._converter = decoder.FrameConverter(first, chosen.sample_aspect_ratio, options)
         self.width, self.height = self._converter.width, self._converter.height
         self.warnings += self._converter.warnings
         self._begin(first, chosen)
@@ -205,7 +204,7 @@ class VideoSource(clock.FrameSource):
         read = self._timeline.index + 1
         container_count, self.frames_stated = self.frames_stated, read
         is_incomplete = self._decoder.ended_early or (
-            self._path is not None and is_incomplete_matroska(self._path, self._container)
+            self._path is not None and decoder.is_incomplete_matroska(self._path, self._container)
         )
         # In MP4, an edit list may hide frames, and its demuxer reports a missing end.
         container_count = container_count if self._container.format.name == _AVI else None
@@ -308,11 +307,11 @@ class ImageSequence(clock.FrameSource):
         ``max_pixels`` are refused. InputError if there is none, UsageError if the folder holds
         more than one sequence.
         """
-        files = find_images(path)
+        files = numbering.find_images(path)
         self.paths = tuple(file.path for file in files)
-        if are_times(files):
+        if numbering.are_times(files):
             self.name_numbers = [file.number for file in files]
-            files = list(map(NumberedImage, range(len(files)), self.paths))
+            files = list(map(numbering.NumberedImage, range(len(files)), self.paths))
         self._files = files
         self._max_pixels, self._options = max_pixels, options
         self._overscan: Window | None = None  # that of the first image
@@ -426,7 +425,7 @@ def open_frames(
         from depthcli.video.live_source import LiveSource  # noqa: PLC0415 - a file needs none
 
         return LiveSource(source, max_pixels=max_pixels, number=stream, options=options)
-    if isinstance(source, Path) and is_sequence(source):
+    if isinstance(source, Path) and numbering.is_sequence(source):
         return ImageSequence(source, rate=rate, max_pixels=max_pixels, options=options)
     video = VideoSource(source, max_pixels=max_pixels, stream=stream, options=options)
     if video.is_own:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from depthcli.cli import options
-from depthcli.cli.options import JsonOption, OverwriteOption, ScreenOptions
 from depthcli.cli.screen import console
 from depthcli.core.camera import hfov_deg
 from depthcli.core.options import one_line
@@ -46,7 +45,7 @@ def add_model_file(
         None, metavar="HEX", help="SHA-256 checksum that the file must have."
     ),
     *,
-    screen: ScreenOptions,
+    screen: options.ScreenOptions,
 ) -> int:
     """Add an ONNX model after checking its card.
 
@@ -111,7 +110,7 @@ def write_new_card(
     depth_output: str | None = typer.Option(
         None, metavar="NAME", help="Output that is the depth map, where there are several."
     ),
-    overwrite: OverwriteOption = False,
+    overwrite: options.OverwriteOption = False,
 ) -> int:
     """Write a card for an ONNX file of your own, to correct and to add it with.
 
@@ -162,7 +161,7 @@ def list_cards(
         autocompletion=options.cards,
         help="Show everything about these cards. Default: the list of all.",
     ),
-    as_json: JsonOption = False,
+    as_json: options.JsonOption = False,
 ) -> int:
     """List ready cards for well-known models, and where their weights are."""
     from depthcli.models.card import preprocessing_check, verification_text
@@ -237,7 +236,7 @@ def output_text(card: ModelCard) -> str:
     return f"{card.output.kind} depth, no unit"
 
 
-def list_models(as_json: JsonOption = False) -> int:
+def list_models(as_json: options.JsonOption = False) -> int:
     """List the models available by name.
 
     Search order: folders in DEPTHCLI_MODELS, models added with 'depthcli models add', bundled
@@ -292,7 +291,7 @@ def verify(
         autocompletion=options.models,
         help="Model names or paths. Default: all listed models.",
     ),
-    as_json: JsonOption = False,
+    as_json: options.JsonOption = False,
 ) -> int:
     """Verify size, checksum and card, and run each model once."""
     from depthcli.jobs.models import verify_models
@@ -326,7 +325,7 @@ def doctor(
         autocompletion=lambda: options.PROVIDERS,
         help="Execution provider to check.",
     ),
-    as_json: JsonOption = False,
+    as_json: options.JsonOption = False,
 ) -> int:
     """Check versions, onnxruntime packages, the provider really active, a model, and codecs.
 

@@ -1,21 +1,18 @@
 """``depthcli predict`` and ``calibrate``: the commands on images, and their options."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
 import typer
 
-from depthcli.cli import options
-from depthcli.cli.groups import Given, group
+from depthcli.cli import groups, options
 from depthcli.cli.screen import console
 from depthcli.core.options import Eye, one_line
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format, WriterOptions
 
 
-@group
+@groups.group
 class OutputOptions:
     """Output."""
 
@@ -52,7 +49,7 @@ def predict(
     detail: options.MapOptions,
     writing: WriterOptions,
     screen: options.ScreenOptions,
-    explicit: Given,
+    explicit: groups.Given,
 ) -> int:
     """Estimate depth from one or more images.
 
@@ -95,7 +92,7 @@ def predict(
     return ExitCode.SOME_FAILED if failed else ExitCode.OK
 
 
-@group
+@groups.group
 class KnownOptions(options.KnownDepthOptions):
     """Known depth."""
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from depthcli.cli import options
-from depthcli.cli.groups import command_of, group
+from depthcli.cli import groups, options
 from depthcli.cli.screen import console
 from depthcli.core.options import MAX_PIXELS, Eye
 from depthcli.errors import ExitCode, UsageError, os_errors_as
@@ -27,7 +26,7 @@ _REFUSED = {"anchors", "extrinsics", "calibration", "rectified", "undistort", "h
 """Options of predict that name a file of the server or belong to one: not for clients."""
 
 
-@group
+@groups.group
 class ListenOptions:
     """Options."""
 
@@ -50,7 +49,7 @@ class ListenOptions:
     )
 
 
-@group
+@groups.group
 class LimitOptions:
     """Limits."""
 
@@ -146,7 +145,7 @@ def _options(
     )
 
 
-_command = command_of(_options)
+_command = groups.command_of(_options)
 
 
 def parse_request(

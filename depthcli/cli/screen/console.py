@@ -15,8 +15,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, cast
 
-from depthcli.core.options import one_line
-from depthcli.core.parallel import exit_hook
+from depthcli.core import options, parallel
 from depthcli.errors import Message, OutputError, about, os_errors_as
 
 if TYPE_CHECKING:
@@ -61,7 +60,7 @@ def show(facts: Mapping[str, object], *lines: str, as_json: bool) -> None:
     if as_json:
         out_json(facts)
     for line in () if as_json else lines:
-        out(one_line(line))
+        out(options.one_line(line))
 
 
 def worded(text: str) -> str:
@@ -78,7 +77,7 @@ def note(text: str) -> None:
 
 def warn(text: str) -> None:
     """Print a warning as one line to standard error."""
-    _write_line(sys.stderr, f"depthcli: warning: {one_line(worded(text))}")
+    _write_line(sys.stderr, f"depthcli: warning: {options.one_line(worded(text))}")
 
 
 def warn_all(texts: Iterable[str], name: str = "") -> None:
@@ -89,12 +88,12 @@ def warn_all(texts: Iterable[str], name: str = "") -> None:
 
 def error(text: str) -> None:
     """Print an error as one line to standard error."""
-    _write_line(sys.stderr, f"depthcli: error: {one_line(worded(text))}")
+    _write_line(sys.stderr, f"depthcli: error: {options.one_line(worded(text))}")
 
 
 def _write_line(stream: TextIO, text: str) -> None:
     """Write a line; control characters, and those that cannot be encoded, are escaped."""
-    text = re.sub(_CONTROL, lambda match: one_line(match[0]), text)
+    text = re.sub(_CONTROL, lambda match: options.one_line(match[0]), text)
     bar_console = _bars[-1].console if _bars and stream.isatty() else None
     # Rich's replacement of standard error has no encoding.
     encoding = (cast("TextIO", bar_console.file) if bar_console else stream).encoding or "ascii"
@@ -114,7 +113,7 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
     Cells are not truncated, so that names and paths can be copied.
     """
-    lines = [[one_line(cell) for cell in row] for row in (header, *rows)]
+    lines = [[options.one_line(cell) for cell in row] for row in (header, *rows)]
     if not sys.stdout.isatty():
         for line in lines:
             out("\t".join(line))
@@ -145,7 +144,7 @@ class Stage:
 
     def __init__(self, what: str, total: int | None, unit: str, display: ProgressDisplay) -> None:
         self.note, self.file = "", None  # type: str, str | None
-        self._what = one_line(what)
+        self._what = options.one_line(what)
         self._total, self._shown = total, display
         self._per_second = f" {unit}/s" if unit else "/s"
         self._done = self._skipped = 0.0
@@ -237,7 +236,7 @@ def show_progress(*, is_shown: bool, as_json: bool) -> Iterator[ProgressDisplay]
         redirect_stdout=False,  # else redirected results would go to the terminal
     )
     # If the process ends, it clears the line and shows the cursor, without waiting for Rich's lock.
-    with bars, exit_hook(partial(os.write, sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h")):
+    with bars, parallel.exit_hook(partial(os.write, sys.stderr.fileno(), b"\r\x1b[K\x1b[?25h")):
         _bars.append(bars)
         try:
             yield ProgressDisplay(bars, _BAR_EVERY_S)

@@ -11,8 +11,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from depthcli.cli.screen import console
-from depthcli.core.options import one_line
-from depthcli.core.types import DepthRange
+from depthcli.core import options, types
 from depthcli.errors import EngineError, ModelError, UsageError, about
 from depthcli.io.listing import skip_summary
 from depthcli.io.stored.metadata import camera_text
@@ -86,7 +85,7 @@ def _print_summary(batch: Batch, plan: BatchPlan, screen: ScreenOptions) -> None
     rate = tally.done / max(elapsed_s, 1e-9)
     say(f"{', '.join(parts)}; {elapsed_s:.1f} s, {rate:.1f} inputs/s")
     if batch.manifest.exists():  # the disk may have been too full for it
-        say(one_line(f"manifest: {batch.manifest}"))
+        say(options.one_line(f"manifest: {batch.manifest}"))
 
 
 def _warn_of_loops(loops: Iterable[str]) -> None:
@@ -105,7 +104,7 @@ def print_dry_run(results: Iterable[DryRun], plan: BatchPlan, *, as_json: bool) 
             console.out_json({"input": name, "would": would, "outputs": paths, "error": error})
         else:
             result = f": {error}" if error else f" -> {', '.join(paths)}"
-            console.out(one_line(f"{would:<4}  {name}{result}"))
+            console.out(options.one_line(f"{would:<4}  {name}{result}"))
     rest = f"; {skip_summary(plan.skipped)}" if plan.skipped else ""
     console.note(
         f"would process {counts['do']}, keep {counts['keep']} already done, fail "
@@ -158,7 +157,7 @@ def _json_of(done: PredictResult | VideoResult) -> dict[str, object]:
 
 def image_text(done: PredictResult) -> str:
     """One line: outputs, range of depth, camera."""
-    spread = DepthRange.of(done.depth)
+    spread = types.DepthRange.of(done.depth)
     if spread.min is None:
         return _line(done, "no depth")
     unit = " m" if done.depth.is_metric else f" ({done.depth.kind}, no unit)"
@@ -167,9 +166,9 @@ def image_text(done: PredictResult) -> str:
 
 
 def _line(done: PredictResult | VideoResult, facts: str) -> str:
-    files, camera = ", ".join(map(one_line, done.outputs)), camera_text(done.depth)
+    files, camera = ", ".join(map(options.one_line, done.outputs)), camera_text(done.depth)
     seen_by = f"  camera: {camera}" if camera else ""
-    return f"{one_line(done.name)} -> {files}  {facts}{seen_by}"
+    return f"{options.one_line(done.name)} -> {files}  {facts}{seen_by}"
 
 
 def video_text(done: VideoResult) -> str:
@@ -197,7 +196,7 @@ def print_conversion(done: ConvertResult, screen: ScreenOptions) -> None:
                 f"  round trip: max error {trip.max_error:.3g}{unit}, "
                 f"mean {trip.mean_error:.3g}{unit}, {trip.lost} pixels lost"
             )
-        console.out(one_line(line))
+        console.out(options.one_line(line))
         console.warn_all(done.warnings)
 
 

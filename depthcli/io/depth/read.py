@@ -15,16 +15,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import DepthEncoding
+from depthcli.core.types import AnyArray, Float32Array
 from depthcli.errors import InputError
-from depthcli.io.formats import raster
-from depthcli.io.formats.table import READABLE_SUFFIXES, reader_of
-from depthcli.io.images import heif
-from depthcli.io.images.jpeg import JPEG_START, exif_of_jpeg, segments
+from depthcli.io.formats import raster, table
+from depthcli.io.images import heif, jpeg, tiff
 from depthcli.io.images.pixels import upright
 from depthcli.io.images.read import check, reader_errors
-from depthcli.io.images.tiff import parse_exif
 from depthcli.io.storage.paths import path_of, read_bytes
 from depthcli.io.stored.depth import AS_STATED, DepthReadOptions, StoredDepth
 
@@ -39,12 +36,12 @@ def read_stored_depth(path: str | Path, options: DepthReadOptions = AS_STATED) -
         it states of model, camera, known points and orientation.
     """
     path = path_of(path)
-    read = reader_of(path)
+    read = table.reader_of(path)
     if read is not None:
         return read(path, options)
     stored = read_embedded_depth(path, options) if path.suffix.lower() in _IMAGES else None
     if stored is None:
-        problem = f"{path} is not a depth file ({', '.join(READABLE_SUFFIXES)}, .mkv)"
+        problem = f"{path} is not a depth file ({', '.join(table.READABLE_SUFFIXES)}, .mkv)"
         raise InputError(problem, "'depthcli predict' and 'depthcli video' estimate depth")
     return stored
 
@@ -76,7 +73,7 @@ Found: TypeAlias = tuple[Float32Array, dict[str, str], tuple[str, ...]]
 def read_embedded_depth(path: Path, options: DepthReadOptions) -> StoredDepth | None:
     """Depth within an image, of a size of its own; None if there is none."""
     data = read_bytes(path)
-    if data.startswith(JPEG_START):
+    if data.startswith(jpeg.JPEG_START):
         image = _of_jpeg(data, str(path))
     elif heif.is_heif(data):
         image = _auxiliary(data, str(path))
@@ -113,7 +110,7 @@ def _auxiliary(data: bytes, name: str) -> Found | None:
 
 
 def _of_jpeg(data: bytes, name: str) -> Found | None:
-    bodies = [body for _, body in segments(data)]
+    bodies = [body for _, body in jpeg.segments(data)]
     first = b"".join(body[len(_XMP) :] for body in bodies if body.startswith(_XMP))
     more = sorted(body[_MORE_HEAD_BYTES:] for body in bodies if body.startswith(_MORE_XMP))
     xmp = first + b"".join(body[4:] for body in more)  # after its place
@@ -132,7 +129,7 @@ def _of_jpeg(data: bytes, name: str) -> Found | None:
     is_linear = facts.get("Format") == "RangeLinear"
     depth = near + share * (far - near) if is_linear else far * near / (far - share * (far - near))
     unit_m = _UNITS_M.get(facts.get("Units", "").lower())
-    values = upright(depth * (unit_m or 1), parse_exif(exif_of_jpeg(data)).orientation)
+    values = upright(depth * (unit_m or 1), tiff.parse_exif(jpeg.exif_of_jpeg(data)).orientation)
     texts = {"kind": "relative"} if unit_m is None else {"kind": "metric", "scale": "1"}
     texts["measure"] = facts.get("MeasureType", "")
     return np.ascontiguousarray(values, np.float32), texts, ()

@@ -14,9 +14,8 @@ import numpy as np
 import numpy.typing as npt
 import OpenEXR
 
-from depthcli.core.arrays import AnyArray, Float32Array
 from depthcli.core.options import MAX_PIXELS, check_pixel_count, one_line
-from depthcli.core.types import Window, over_window
+from depthcli.core.types import AnyArray, Float32Array, Window, over_window
 from depthcli.errors import InputError, Message
 from depthcli.io.storage.paths import RemotePath, read_bytes
 

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from depthcli.core.arrays import Float32Array, Float64Array
 from depthcli.core.imageops import PANORAMA, row_bands
 from depthcli.core.options import AS_STATED, MAX_PIXELS, Projection, ReadOptions, check_pixel_count
-from depthcli.core.types import Frame, Window, Windows
+from depthcli.core.types import Float32Array, Float64Array, Frame, Window, Windows
 from depthcli.errors import InputError, Message
 
 _LINEAR_UP_TO = 0.0031308

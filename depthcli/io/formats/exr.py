@@ -7,14 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from depthcli.core.arrays import AnyArray
 from depthcli.core.options import one_line
 from depthcli.core.surface import surface_of
-from depthcli.core.types import DepthMap, Frame, Provenance, Window, Windows
+from depthcli.core.types import AnyArray, DepthMap, Frame, Provenance, Window, Windows
 from depthcli.errors import InputError
 from depthcli.io.exr import file as exr_file
-from depthcli.io.formats.geometry import camera_of
-from depthcli.io.formats.table import WriterOptions
+from depthcli.io.formats import geometry, table
 from depthcli.io.stored.depth import DepthReadOptions, StoredDepth
 from depthcli.io.stored.metadata import ERROR, metadata_texts, own_metadata, own_texts
 
@@ -23,7 +21,7 @@ _COLOURS = ("G", "B", "RY", "BY")
 _UNREAL = re.compile(r"(?i)WorldDepth|^FinalImage.*Depth")  # of its Movie Render Queue, in cm
 
 
-class ExrWriter(WriterOptions):
+class ExrWriter(table.WriterOptions):
     """One channel, ZIP-compressed."""
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
@@ -64,7 +62,7 @@ class NormalsExrWriter(ExrWriter):
     def _channels(
         self, displayed: DepthMap, stored: DepthMap, windows: tuple[Window, Window] | None
     ) -> tuple[dict[str, AnyArray], tuple[str, ...]]:
-        (focal_px, warnings), source = camera_of(displayed), displayed.provenance
+        (focal_px, warnings), source = geometry.camera_of(displayed), displayed.provenance
         x, y = source.centre_px or ((displayed.width - 1) / 2, (displayed.height - 1) / 2)
         if windows is not None:
             data, display = windows

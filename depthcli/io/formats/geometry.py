@@ -11,11 +11,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.arrays import Float32Array
 from depthcli.core.camera import CameraSource, focal_px_of_crop, focal_px_of_hfov, hfov_deg
 from depthcli.core.options import one_line
 from depthcli.core.surface import Surface, surface_of
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthMap, Float32Array, Frame
 from depthcli.errors import Message, OutputError
 from depthcli.io.formats.table import WriterOptions
 from depthcli.io.images.png import encode_png

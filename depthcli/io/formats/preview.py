@@ -17,13 +17,20 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from depthcli.core.arrays import Float32Array, Float64Array, FloatArray, Int64Array, UInt8Array
 from depthcli.core.options import Colormap, Near, StereoLayout
 from depthcli.core.surface import Surface
-from depthcli.core.types import DepthKind, DepthMap, Frame
+from depthcli.core.types import (
+    DepthKind,
+    DepthMap,
+    Float32Array,
+    Float64Array,
+    FloatArray,
+    Frame,
+    Int64Array,
+    UInt8Array,
+)
 from depthcli.errors import Message, OutputError
-from depthcli.io.formats.geometry import SurfaceWriter, camera_of
-from depthcli.io.formats.table import EYE_DISTANCE_M, WriterOptions
+from depthcli.io.formats import geometry, table
 from depthcli.io.images.png import encode_png
 from depthcli.io.media import SOFTWARE_KEY
 from depthcli.io.stored.metadata import SOFTWARE
@@ -114,7 +121,7 @@ _CLIPPED_SHARE = 0.02
 _INVALID_RGB = (96, 96, 96)
 
 
-class PreviewWriter(WriterOptions):
+class PreviewWriter(table.WriterOptions):
     """8-bit RGB PNG."""
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
@@ -179,14 +186,14 @@ _LEAST_EDGE_PX = 2.0  # of disparity
 _STEPS_OF_NEARNESS = 2**15
 
 
-class StereoWriter(WriterOptions):
+class StereoWriter(table.WriterOptions):
     """8-bit RGB PNG of the two views."""
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
         """Write the pair."""
         path.write_bytes(encode_png(self.render(depth, frame), {SOFTWARE_KEY: SOFTWARE}))
         if depth.is_metric:
-            return camera_of(depth)[1]
+            return geometry.camera_of(depth)[1]
         text = f"{depth.kind} depth has no metres: near and far are {_SHARE:.0%} of the width apart"
         return (Message(text, "predict with {anchors} for {convergence_m} in metres"),)
 
@@ -219,9 +226,9 @@ class StereoWriter(WriterOptions):
         if not depth.is_metric:
             near, far = spread if depth.kind == "relative" else spread[::-1]
             share = np.nan_to_num(nearness(depth, near, far)) - np.float32(1)
-            largest = _SHARE * depth.width * self.eye_distance_m / EYE_DISTANCE_M
+            largest = _SHARE * depth.width * self.eye_distance_m / table.EYE_DISTANCE_M
             return np.asarray(share * np.float32(largest), np.float32)
-        focal_px, _ = camera_of(depth)
+        focal_px, _ = geometry.camera_of(depth)
         screen_m = self.convergence_m or spread[0]
         farthest_m = depth.values[depth.valid].max(initial=screen_m)
         values_m = np.where(depth.valid, depth.values, farthest_m)
@@ -284,7 +291,7 @@ _JPEG_QUALITY = 90
 _MAX_POINTS = 640 * 480  # of a page, if no stride is given
 
 
-class HtmlWriter(SurfaceWriter):
+class HtmlWriter(geometry.SurfaceWriter):
     """Points or a mesh to orbit, with a grid in metres, depth at the pointer, and distances."""
 
     def write(self, depth: DepthMap, path: Path, frame: Frame | None = None) -> tuple[str, ...]:
@@ -318,7 +325,7 @@ class HtmlWriter(SurfaceWriter):
 
 def _data(depth: DepthMap, surface: Surface, stride: int) -> dict[str, Any]:
     """Points and camera for the script: log depth in 16 bits, 0 where there is none."""
-    focal_px, _ = camera_of(depth)
+    focal_px, _ = geometry.camera_of(depth)
     source = depth.provenance
     height, width = surface.depth_m.shape
     nearest_m, farthest_m = (float(end(surface.depth_m)) for end in (np.nanmin, np.nanmax))

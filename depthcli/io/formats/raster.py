@@ -17,14 +17,12 @@ from warnings import catch_warnings
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import AnyArray, UInt16Array
 from depthcli.core.imageops import row_bands
 from depthcli.core.options import one_line
-from depthcli.core.types import DepthKind, DepthMap, DepthRange, Frame
+from depthcli.core.types import AnyArray, DepthKind, DepthMap, DepthRange, Frame, UInt16Array
 from depthcli.errors import InputError, Message, OutputError
 from depthcli.io.formats.table import WriterOptions
-from depthcli.io.images import tiff
-from depthcli.io.images.png import SIGNATURE, encode_png, read_text
+from depthcli.io.images import png, tiff
 from depthcli.io.images.read import OPENCV_MAX_PIXELS, check
 from depthcli.io.media import KEY_PREFIX
 from depthcli.io.storage.paths import read_bytes
@@ -51,7 +49,7 @@ class Png16Writer(WriterOptions):
         """Write (H, W) uint16; depth beyond the range saturates, with a warning."""
         steps, texts, warnings = stored_steps(depth, self, path.suffix[1:])
         if path.suffix.lower() != ".pgm":
-            path.write_bytes(encode_png(steps, facts.own_texts(texts)))
+            path.write_bytes(png.encode_png(steps, facts.own_texts(texts)))
             return warnings
         comments = [one_line(f"# {name} {text}") for name, text in facts.own_texts(texts).items()]
         lines = ["P5", *comments, f"{depth.width} {depth.height}", "65535", ""]
@@ -70,7 +68,7 @@ class ErrorWriter(WriterOptions):
         error = np.where(depth.valid, depth.error, np.float32(np.nan))
         steps, _ = facts.quantized(error, _ERROR_STEPS)
         texts = metadata_texts(depth) | {"kind": ERROR, "scale": f"{_ERROR_STEPS:g}"}
-        path.write_bytes(encode_png(steps, facts.own_texts(texts)))
+        path.write_bytes(png.encode_png(steps, facts.own_texts(texts)))
         return ()
 
 
@@ -170,8 +168,8 @@ def read_metadata(path: Path) -> Mapping[str, str]:
 
 
 def _own_texts(data: bytes) -> dict[str, str]:
-    if data.startswith(SIGNATURE):
-        return facts.own_metadata(read_text(data))
+    if data.startswith(png.SIGNATURE):
+        return facts.own_metadata(png.read_text(data))
     comments = _PGM_TEXT.findall(data[:_PGM_HEAD_BYTES])
     texts = {name.decode(): text.decode("ascii", "replace") for name, text in comments}
     return facts.own_metadata(texts)

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from depthcli.core.arrays import Float32Array
 from depthcli.core.options import INSTALL_USD
-from depthcli.core.types import DepthMap, Frame
+from depthcli.core.types import DepthMap, Float32Array, Frame
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.geometry import Mesh, MeshWriter, texture_jpeg
 from depthcli.io.storage.atomic import NO_ROOM, temporary_folder

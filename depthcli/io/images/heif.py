@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from depthcli.core.arrays import AnyArray
 from depthcli.core.options import INSTALL_HEIF
+from depthcli.core.types import AnyArray
 from depthcli.errors import InputError
 from depthcli.io.images.opencv import ANIMATED, Decoded, Header, decode_with_opencv
 from depthcli.io.media import is_installed

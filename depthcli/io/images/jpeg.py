@@ -8,11 +8,10 @@ from contextlib import suppress
 import numpy as np
 import simplejpeg
 
-from depthcli.core.arrays import UInt8Array
 from depthcli.core.options import Eye
+from depthcli.core.types import UInt8Array
 from depthcli.errors import InputError, Message
-from depthcli.io.images.opencv import Decoded, Header, decode_with_opencv
-from depthcli.io.images.tiff import read_tags
+from depthcli.io.images import opencv, tiff
 
 JPEG_START = b"\xff\xd8"
 _FRAMES = frozenset(b"\xc0\xc1\xc2\xc3\xc5\xc6\xc7\xc9\xca\xcb\xcd\xce\xcf")
@@ -30,11 +29,11 @@ _JFIF = b"JFIF\0"
 _WHOLE_SPECTRUM = bytes((0, 63, 0))
 
 
-def jpeg_header(data: bytes) -> Header:
+def jpeg_header(data: bytes) -> opencv.Header:
     """Size of a JPEG."""
     width, height, _ = _frame(data)
     indexes = (body[4:] for _, body in segments(data) if body.startswith(_MULTI_PICTURE))
-    return Header(width, height, _OTHER_EYE if any(map(_stereo_offsets, indexes)) else None)
+    return opencv.Header(width, height, _OTHER_EYE if any(map(_stereo_offsets, indexes)) else None)
 
 
 def _stereo_offsets(index: bytes) -> list[int]:
@@ -43,7 +42,7 @@ def _stereo_offsets(index: bytes) -> list[int]:
     The first image of the file is at 0.
     """
     with suppress(struct.error, KeyError, ValueError):
-        ((_, entries),) = read_tags(index, (_MP_ENTRIES,))
+        ((_, entries),) = tiff.read_tags(index, (_MP_ENTRIES,))
         order = "<" if index.startswith(b"I") else ">"
         items = list(struct.iter_unpack(order + "IIII", bytes(entries)))
         if any(kind & 0xFFFFFF == _DISPARITY for kind, *_ in items):
@@ -67,7 +66,7 @@ def exif_of_jpeg(data: bytes) -> bytes:
     return next(exifs, b"")
 
 
-def decode_jpeg(data: bytes) -> Decoded:
+def decode_jpeg(data: bytes) -> opencv.Decoded:
     """Pixels of a JPEG; gray stays gray, and CMYK becomes RGB as in OpenCV."""
     colours = _COLOURS.get(_frame(data)[2], "RGB")
     try:
@@ -75,12 +74,12 @@ def decode_jpeg(data: bytes) -> Decoded:
     except ValueError as error:
         if "subsampling" not in str(error):
             raise InputError(f"is damaged ({error})", "copy it again") from error
-        return decode_with_opencv(data)  # TurboJPEG has no name for it (zune-image #276)
+        return opencv.decode_with_opencv(data)  # TurboJPEG has no name for it (zune-image #276)
     if colours == "CMYK":
         wide = pixels.astype(np.uint16)  # 255 is no ink, as Adobe's programs write it
         black = wide[..., 3:]
         pixels = (black - ((255 - wide[..., :3]) * black >> 8)).astype(np.uint8)
-    return Decoded(pixels[..., 0] if colours == "GRAY" else pixels, exif_of_jpeg(data))
+    return opencv.Decoded(pixels[..., 0] if colours == "GRAY" else pixels, exif_of_jpeg(data))
 
 
 def _decode_strictly(data: bytes, colours: str) -> UInt8Array:

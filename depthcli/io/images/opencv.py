@@ -8,7 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import AnyArray
+from depthcli.core.types import AnyArray
 from depthcli.errors import InputError
 
 ANIMATED = "is animated; only the first image is used"  #: a warning

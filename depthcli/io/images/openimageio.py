@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from depthcli.core.arrays import AnyArray
 from depthcli.core.options import INSTALL_FORMATS
+from depthcli.core.types import AnyArray
 from depthcli.errors import InputError, OutputError, os_errors_as
 from depthcli.io.images.opencv import Decoded, Header
 from depthcli.io.images.pixels import upright

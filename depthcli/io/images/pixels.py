@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 
-from depthcli.core.arrays import AnyArray, BoolArray, Float64Array, UInt16Array
 from depthcli.core.imageops import nearest_places, row_bands
 from depthcli.core.options import BLACK_LEVEL, WHITE_LEVEL
-from depthcli.core.types import is_out_of_range
+from depthcli.core.types import AnyArray, BoolArray, Float64Array, UInt16Array, is_out_of_range
 from depthcli.errors import InputError, Message, UsageError
 
 _MIRRORED = {2, 4, 5, 7}

@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from depthcli.core.arrays import UInt8Array, UInt16Array
+from depthcli.core.types import UInt8Array, UInt16Array
 from depthcli.errors import InputError
 from depthcli.io.images.opencv import ANIMATED, Decoded, Header, decode_with_opencv
 

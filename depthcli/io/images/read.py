@@ -17,7 +17,6 @@ from typing import Any, BinaryIO, NamedTuple, Protocol, TypeAlias
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import AnyArray
 from depthcli.core.camera import Intrinsics
 from depthcli.core.imageops import PANORAMA, transfer_warning
 from depthcli.core.options import (
@@ -28,11 +27,10 @@ from depthcli.core.options import (
     ReadOptions,
     check_pixel_count,
 )
-from depthcli.core.types import Frame
+from depthcli.core.types import AnyArray, Frame
 from depthcli.errors import InputError, Message, UsageError, is_out_of_memory
 from depthcli.io.exr.image import clip_warning, encode, read_exr_image
 from depthcli.io.images import heif, jpeg, opencv, openimageio, png, tiff
-from depthcli.io.images.opencv import Decoded, Header
 from depthcli.io.images.pixels import (
     as_frame_dtype,
     check_levels,
@@ -41,8 +39,6 @@ from depthcli.io.images.pixels import (
     full_range,
     upright,
 )
-from depthcli.io.images.png import SIGNATURE
-from depthcli.io.images.tiff import EXIF_IFD, TIFF_STARTS, Exif, parse_exif, profile_warning
 from depthcli.io.media import CAMERA_RAW, EXR_MAGIC, SOFTWARE_KEY, is_video
 from depthcli.io.storage.paths import path_of, read_bytes
 
@@ -80,8 +76,8 @@ class _Container(NamedTuple):
 
 _CONTAINERS = (
     _Container("jpeg", jpeg, (b"\xff\xd8",)),
-    _Container("png", png, (SIGNATURE,)),
-    _Container("tiff", tiff, TIFF_STARTS),
+    _Container("png", png, (png.SIGNATURE,)),
+    _Container("tiff", tiff, tiff.TIFF_STARTS),
     _Container("webp", opencv),
     _Container("gif", opencv, (b"GIF87a", b"GIF89a")),
     _Container("bmp", opencv, (b"BM",)),
@@ -97,13 +93,13 @@ class CheckedImage(NamedTuple):
 
     data: bytes
     name: str  #: in messages
-    header: Header
+    header: opencv.Header
     container: _Container
 
-    def decode(self) -> Decoded:
+    def decode(self) -> opencv.Decoded:
         """Decode its pixels."""
         with reader_errors(self.name):
-            decoded: Decoded = self.container.call("decode_{}", self.data)
+            decoded: opencv.Decoded = self.container.call("decode_{}", self.data)
         return decoded
 
 
@@ -111,7 +107,7 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
     """Check an image, whose file is ``data``, by its header, without decoding it."""
     if not data:
         raise InputError(f"{name} is empty")
-    if data.startswith(TIFF_STARTS) and name.lower().endswith(CAMERA_RAW):
+    if data.startswith(tiff.TIFF_STARTS) and name.lower().endswith(CAMERA_RAW):
         raise InputError(f"{name} is a camera raw file", "convert it to JPEG, PNG or TIFF first")
     for container in _CONTAINERS:
         starts = container.starts
@@ -204,7 +200,7 @@ def read_image(
     if eye is not None:
         with reader_errors(name):
             data = jpeg.image_of_eye(data, eye)
-    if data.startswith((EXR_MAGIC, SIGNATURE, b"P5")) and SOFTWARE_KEY.encode() in data[:4096]:
+    if data.startswith((EXR_MAGIC, png.SIGNATURE, b"P5")) and SOFTWARE_KEY.encode() in data[:4096]:
         raise InputError(f"{name} was written by depthcli", "name the image that it was made of")
     if data.startswith(EXR_MAGIC):
         options = ReadOptions(exposure=exposure, layer=layer, projection=projection)
@@ -212,7 +208,7 @@ def read_image(
         return replace(frame, path=path)
     image = check(data, name, max_pixels)
     decoded = image.decode()
-    exif, header = parse_exif(decoded.exif), image.header
+    exif, header = tiff.parse_exif(decoded.exif), image.header
     orientation = header.orientation or exif.orientation
     levels = white_level, black_level
     pixels, warnings = _frame_pixels(decoded, image, levels, exposure)
@@ -226,7 +222,7 @@ def read_image(
     if projection == Projection.EQUIRECTANGULAR and part != whole:
         warning = f"{name} shows {part.decode()} of the {whole.decode()} columns of a panorama"
         raise InputError(warning, "give a whole one")
-    doubts = PANORAMA if is_panorama else None, profile_warning(header.profile or data)
+    doubts = PANORAMA if is_panorama else None, tiff.profile_warning(header.profile or data)
     of_eyes = header.warning if eye is None else None
     frame = Frame(
         np.ascontiguousarray(pixels),
@@ -279,7 +275,7 @@ def undistorted(frame: Frame, camera: Intrinsics) -> Frame:
 
 
 def _frame_pixels(
-    decoded: Decoded, image: CheckedImage, levels: tuple[int | None, int], exposure: float
+    decoded: opencv.Decoded, image: CheckedImage, levels: tuple[int | None, int], exposure: float
 ) -> tuple[AnyArray, tuple[str | None, ...]]:
     """Pixels of a frame, not turned yet, and warnings about them."""
     header, pixels = image.header, decoded.pixels
@@ -391,7 +387,7 @@ def _of_pil(image: Any) -> tuple[Frame, AnyArray | None]:  # noqa: ANN401 - PIL 
     if image.format is None:  # made or changed by a program: its EXIF may be outdated
         return Frame(pixels), alpha
     exif = image.getexif()
-    facts = Exif.of({**exif.get_ifd(EXIF_IFD), **exif})
+    facts = tiff.Exif.of({**exif.get_ifd(tiff.EXIF_IFD), **exif})
     frame = Frame(
         np.ascontiguousarray(upright(pixels, facts.orientation)),
         Path(image.filename) if getattr(image, "filename", "") else None,

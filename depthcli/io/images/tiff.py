@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 
 from depthcli.core.camera import FILM_DIAGONAL_MM, FOCAL_35MM
 from depthcli.errors import InputError, Message
-from depthcli.io.images.opencv import Decoded, Header, decode_with_opencv
-from depthcli.io.images.openimageio import decode_openimageio, needs_openimageio
+from depthcli.io.images import opencv, openimageio
 
 _FIELD_TYPES = {1: "B", 2: "B", 3: "H", 4: "I", 5: "II", 7: "B", 8: "h", 9: "i", 13: "I", 16: "Q"}
 """Formats of `struct` by the number of a type; a rational is two numbers."""
@@ -208,7 +207,7 @@ _STRIPS, _TILES = (273, 279), (324, 325)  # offsets and bytes of each
 _MISSING = InputError("is damaged (strips or tiles of the TIFF are missing)", "copy it again")
 
 
-def tiff_header(data: bytes) -> Header:
+def tiff_header(data: bytes) -> opencv.Header:
     """Size of the first image of a TIFF, the value of its white, and how many others there are."""
     tags = _first_directory(data)
     if tags.get(_SUBFILE_TYPE, 0) & _REDUCED and _SUB_DIRECTORIES in tags:
@@ -216,9 +215,9 @@ def tiff_header(data: bytes) -> Header:
         raise InputError(told, "convert it to JPEG, PNG or TIFF first")
     problem = _not_for_opencv(tags)
     if problem:
-        needs_openimageio(problem)
+        openimageio.needs_openimageio(problem)
     bits, count = tags.get(_BITS, 1), _image_count(data)
-    return Header(
+    return opencv.Header(
         tags[_WIDTH],
         tags[_HEIGHT],
         f"has {count} images; only the first is used" if count > 1 else None,
@@ -228,14 +227,14 @@ def tiff_header(data: bytes) -> Header:
     )
 
 
-def decode_tiff(data: bytes) -> Decoded:
+def decode_tiff(data: bytes) -> opencv.Decoded:
     """Pixels of the first image, upright, because OpenCV's reader always turns it."""
     tags = _first_directory(data)
     if _not_for_opencv(tags):
-        return decode_openimageio(data)
+        return openimageio.decode_openimageio(data)
     _check_content(data, tags)
     has_alpha = tags.get(_EXTRA_SAMPLES) in (_ASSOCIATED, _UNASSOCIATED)
-    pixels = decode_with_opencv(_with_colours_as_stored(data), has_alpha=has_alpha)
+    pixels = opencv.decode_with_opencv(_with_colours_as_stored(data), has_alpha=has_alpha)
     return pixels._replace(exif=data)
 
 

@@ -14,8 +14,7 @@ from urllib.parse import unquote, urlsplit
 
 from depthcli.core.parallel import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, InputError, UsageError, os_errors_as
-from depthcli.io.storage import objects
-from depthcli.io.storage.atomic import temporary_folder
+from depthcli.io.storage import atomic, objects
 from depthcli.io.storage.objects import SHA256_KEY, RemotePath
 
 __all__ = ["RemotePath"]
@@ -156,7 +155,7 @@ def local_copy(
     if not isinstance(path, RemotePath):
         yield path
         return
-    with temporary_folder() as folder:
+    with atomic.temporary_folder() as folder:
         copy = folder / path.name
         with os_errors_as(InputError, f"{path} cannot be read"), copy.open("wb") as file:
             download(path, file, progress, max_bytes=max_bytes)

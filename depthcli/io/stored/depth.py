@@ -9,20 +9,9 @@ from typing import Self
 
 import numpy as np
 
-from depthcli.core.arrays import AnyArray, Float32Array
+from depthcli.core import types, validation
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import MILLIMETRES, DepthEncoding
-from depthcli.core.types import (
-    AnchorFit,
-    DepthKind,
-    DepthMap,
-    DepthRange,
-    Frame,
-    Window,
-    displayed_depth,
-    doubt_of_metres,
-)
-from depthcli.core.validation import FieldError, parsed_json
 from depthcli.errors import InputError, Message, OutputError, os_errors_as
 from depthcli.io.storage.paths import read_regular
 from depthcli.io.stored import metadata as facts
@@ -88,14 +77,14 @@ def _find_sidecar(path: Path) -> tuple[Path, dict[str, object]] | None:
     return None
 
 
-_parsed = lru_cache(maxsize=1)(parsed_json)  # all frames of a long video share one
+_parsed = lru_cache(maxsize=1)(validation.parsed_json)  # all frames of a long video share one
 
 
 def _read_sidecar(path: Path) -> dict[str, object]:
     """The content of a sidecar of depthcli; empty if there is none."""
     try:
         fields = _parsed(read_regular(path, _MAX_SIDECAR_BYTES))
-    except (OSError, FieldError):
+    except (OSError, validation.FieldError):
         return {}
     if not (isinstance(fields, dict) and str(fields.get("software")).startswith("depthcli ")):
         return {}
@@ -130,7 +119,7 @@ def _png_scale_texts(fields: Mapping[str, object]) -> dict[str, str]:
 
 def _text(value: object) -> str:
     if isinstance(value, dict):  # of the fit to known points
-        value = [value.get(name) for name in AnchorFit._fields]
+        value = [value.get(name) for name in types.AnchorFit._fields]
     return ",".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
@@ -172,11 +161,12 @@ class StoredDepth:
     """A depth map that was read from a file."""
 
     name: str  #: the file
-    depth: DepthMap  #: the map, of an EXR over its data window
+    depth: types.DepthMap  #: the map, of an EXR over its data window
     metadata: Mapping[str, str]  #: metadata of the file and its sidecar, texts by name
     scale: facts.DepthScale | None  #: of the numbers in the file; None if they have no unit
     is_integer: bool  #: whether they are integers
-    frame: Frame  #: without an image; has windows, shape of pixels, rate and time code of an EXR
+    #: without an image; has windows, shape of pixels, rate and time code of an EXR
+    frame: types.Frame
     channel: str | None = None  #: of an EXR, that the depth is read from
     warnings: tuple[str, ...] = ()  #: one line each
 
@@ -184,10 +174,10 @@ class StoredDepth:
     def of(
         cls,
         path: Path,
-        stored: AnyArray,
+        stored: types.AnyArray,
         texts: Mapping[str, str],
         options: DepthReadOptions,
-        frame: Frame | None = None,
+        frame: types.Frame | None = None,
         *,
         has_sidecar: bool = True,
     ) -> Self:
@@ -202,7 +192,7 @@ class StoredDepth:
             texts, warnings = with_sidecar(path, texts, size_px)
         if texts.get("kind") == facts.ERROR:
             raise InputError(f"{path} holds the expected error of depth, not depth")
-        kind = DepthEncoding(texts["kind"]) if texts.get("kind") in set(DepthKind) else None
+        kind = DepthEncoding(texts["kind"]) if texts.get("kind") in set(types.DepthKind) else None
         encoding = kind or options.kind or DepthEncoding.METRIC
         scale = facts.depth_scale(
             texts,
@@ -225,21 +215,21 @@ class StoredDepth:
             if units != 1:
                 values = values / np.float32(units)
         provenance = facts.provenance_of(texts)
-        depth = DepthMap(values, DepthKind.METRIC, provenance)
+        depth = types.DepthMap(values, types.DepthKind.METRIC, provenance)
         if encoding in {DepthEncoding.DISTANCE, DepthEncoding.DISPARITY}:
             depth = _seen_by(depth, encoding, options, frame, str(path))
         elif encoding is DepthEncoding.INVERSE and scale is not None:
-            depth = DepthMap(reciprocal(values), DepthKind.METRIC, provenance)
+            depth = types.DepthMap(reciprocal(values), types.DepthKind.METRIC, provenance)
         elif encoding is not DepthEncoding.METRIC:
-            depth = DepthMap(values, DepthKind(encoding), provenance)
+            depth = types.DepthMap(values, types.DepthKind(encoding), provenance)
         depth = replace(depth, values=np.where(depth.valid, depth.values, np.float32(np.nan)))
-        frame = frame or Frame(np.zeros((1, 1), np.uint8))
+        frame = frame or types.Frame(np.zeros((1, 1), np.uint8))
         return cls(str(path), depth, texts, scale, is_integer, frame, warnings=warnings)
 
     @property
-    def displayed(self) -> DepthMap:
+    def displayed(self) -> types.DepthMap:
         """The map, of an EXR in its display window."""
-        return displayed_depth(self.depth, self.frame.windows)
+        return types.displayed_depth(self.depth, self.frame.windows)
 
     @property
     def unit_text(self) -> str:
@@ -256,8 +246,8 @@ class StoredDepth:
             return self.warnings
         problem = f"{self.name} states no scale, so millimetres are assumed"
         if not self.is_integer:
-            _, median_m, most_m = DepthRange.of(self.depth)
-            fact = "" if median_m is None else doubt_of_metres(median_m)
+            _, median_m, most_m = types.DepthRange.of(self.depth)
+            fact = "" if median_m is None else types.doubt_of_metres(median_m)
             if most_m is not None and _NORMALIZED_MAX <= most_m <= 1:
                 fact = "its numbers end at 1, as those of normalized depth, and not of metres, do"
             if not fact:
@@ -276,8 +266,11 @@ def stated_range(texts: Mapping[str, str]) -> tuple[float, float] | None:
 
 
 def _of_integers(
-    steps: AnyArray, texts: Mapping[str, str], scale: facts.DepthScale | None, kind: DepthEncoding
-) -> Float32Array:
+    steps: types.AnyArray,
+    texts: Mapping[str, str],
+    scale: facts.DepthScale | None,
+    kind: DepthEncoding,
+) -> types.Float32Array:
     """Depth of integers, also of ones that span its range, or that of 1/depth."""
     units = scale.units_per_metre if scale else 1.0
     if scale is None and texts.get("scale") in facts.NORMALIZED:
@@ -291,7 +284,9 @@ def _of_integers(
     return values
 
 
-def _without_background(values: Float32Array, name: str) -> tuple[Float32Array, tuple[str, ...]]:
+def _without_background(
+    values: types.Float32Array, name: str
+) -> tuple[types.Float32Array, tuple[str, ...]]:
     """Depth without the numbers that stand for the sky, and positive where all is negative.
 
     Maya and OpenGL have cameras that look along -Z. -1 stands for no depth in many programs.
@@ -312,15 +307,15 @@ def _without_background(values: Float32Array, name: str) -> tuple[Float32Array, 
 
 
 def _seen_by(
-    depth: DepthMap,
+    depth: types.DepthMap,
     encoding: DepthEncoding,
     options: DepthReadOptions,
-    frame: Frame | None,
+    frame: types.Frame | None,
     name: str,
-) -> DepthMap:
+) -> types.DepthMap:
     """Depth along the axis of distances along the ray, or of disparity."""
     rows, columns = depth.values.shape
-    pixels = display = Window(0, 0, columns, rows)
+    pixels = display = types.Window(0, 0, columns, rows)
     if frame is not None and frame.windows is not None:
         pixels, display = frame.windows.pixels, frame.windows.display  # that the camera is of
     source = depth.provenance
@@ -341,7 +336,7 @@ def _seen_by(
     return replace(depth, values=(depth.values / along_ray).astype(np.float32))
 
 
-def reciprocal(values: Float32Array) -> Float32Array:
+def reciprocal(values: types.Float32Array) -> types.Float32Array:
     """1/values, NaN where they are not above 0, or infinite; (H, W) float32."""
     result = np.full_like(values, np.nan)
     return np.divide(1, values, out=result, where=np.isfinite(values) & (values > 0))

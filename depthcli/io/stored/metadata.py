@@ -9,21 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from depthcli._version import __version__
-from depthcli.core.arrays import BoolArray, Float32Array, FloatArray, UInt16Array
-from depthcli.core.camera import CameraSource, hfov_deg
-from depthcli.core.imageops import row_bands
-from depthcli.core.options import MILLIMETRES, DepthFit, Projection
-from depthcli.core.types import PIXEL_ASPECTS, AnchorFit, DepthMap, Provenance, has_depth
+from depthcli.core import camera, imageops, options, types
 from depthcli.errors import Message, UsageError
 from depthcli.io.media import KEY_PREFIX
 
 SOFTWARE = f"depthcli {__version__}"
 _Value: TypeAlias = str | float | tuple[float, float]
 _SOURCE_TEXTS = {
-    CameraSource.OPTION: "given",
-    CameraSource.EXIF: "from EXIF",
-    CameraSource.CARD: "assumed, from the model's card",
-    CameraSource.MODEL: "estimated by the model",
+    camera.CameraSource.OPTION: "given",
+    camera.CameraSource.EXIF: "from EXIF",
+    camera.CameraSource.CARD: "assumed, from the model's card",
+    camera.CameraSource.MODEL: "estimated by the model",
 }
 LEAST, _MOST = 1e-9, 1e12  #: positive number, and number, in a file
 _ORIENTATIONS = frozenset("12345678")
@@ -36,14 +32,14 @@ ORIGIN_FIELDS = (
 """Names of the fields about model and camera; formats without metadata have them in a sidecar."""
 
 
-def origin_fields(depth: DepthMap) -> dict[str, _Value | None]:
+def origin_fields(depth: types.DepthMap) -> dict[str, _Value | None]:
     """The facts about model and camera, ``ORIGIN_FIELDS``, by name; None where one is unknown."""
     source = depth.provenance
     origin = {name: getattr(source, name) for name in ORIGIN_FIELDS[:-1]}
     return {**origin, "camera": camera_text(depth)}
 
 
-def known_depth_fields(depth: DepthMap) -> dict[str, dict[str, Any] | None]:
+def known_depth_fields(depth: types.DepthMap) -> dict[str, dict[str, Any] | None]:
     """Fit to known points for JSON, None without one; with a calibrated camera, also its scale."""
     source = depth.provenance
     fit, scale = source.anchor_fit, source.camera_scale
@@ -54,7 +50,7 @@ def known_depth_fields(depth: DepthMap) -> dict[str, dict[str, Any] | None]:
 ERROR = "error"  #: kind of a file, or name of a channel, with the expected error of depth
 
 
-def metadata_texts(depth: DepthMap) -> dict[str, str]:
+def metadata_texts(depth: types.DepthMap) -> dict[str, str]:
     """The metadata, the software, a frame's time and the fit to known points as texts by name.
 
     What is unknown is left out, and the shape of square pixels. The unit of a map without one is
@@ -85,7 +81,7 @@ def _value_text(value: _Value) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def camera_text(depth: DepthMap) -> str | None:
+def camera_text(depth: types.DepthMap) -> str | None:
     """The camera of a map's metres, its source, and the fit to known points; None if unknown."""
     source = depth.provenance
     fitted = _fit_text(source.anchor_fit) if source.anchor_fit else ""
@@ -93,21 +89,21 @@ def camera_text(depth: DepthMap) -> str | None:
         return f"{source.projection.value}, metres along the ray{fitted}"
     if source.focal_px is None:
         return f"unknown{fitted}" if fitted else None
-    hfov = f"hfov {hfov_deg(source.focal_px, depth.width):.1f}°"
+    hfov = f"hfov {camera.hfov_deg(source.focal_px, depth.width):.1f}°"
     if source.camera_scale is not None:
         fitted = f"; calibrated as {source.camera_scale.name}{fitted}"
     origin = "" if source.camera_source is None else f" ({_SOURCE_TEXTS[source.camera_source]})"
     return f"{hfov}{origin}{fitted}"
 
 
-def _fit_text(fit: AnchorFit) -> str:
+def _fit_text(fit: types.AnchorFit) -> str:
     of_all = "" if fit.used == fit.given else f"{fit.used} of "
     error = f", median error {fit.residual_m:.3f} m" if fit.given > 1 else ""
-    by = " by a network" if fit.fit is DepthFit.NETWORK else ""
+    by = " by a network" if fit.fit is options.DepthFit.NETWORK else ""
     return f"; depth fitted{by} to {of_all}{fit.given} anchor{'s'[: fit.given - 1]}{error}"
 
 
-_UNITS = {1: "m", 100: "cm", MILLIMETRES: "mm"}
+_UNITS = {1: "m", 100: "cm", options.MILLIMETRES: "mm"}
 
 
 def step_unit(scale: float) -> str:
@@ -159,22 +155,24 @@ def of_size(
     return texts, (Message(problem, "give {focal_px} in its pixels for a point cloud"),)
 
 
-def provenance_of(metadata: Mapping[str, str]) -> Provenance:
+def provenance_of(metadata: Mapping[str, str]) -> types.Provenance:
     """The provenance of a map, as far as its metadata state it."""
     orientation, source = metadata.get("orientation"), metadata.get("camera_source")
     value = metadata.get("projection")
-    return Provenance(
+    return types.Provenance(
         model=metadata.get("model"),
         model_sha256=metadata.get("model_sha256"),
         input_size_px=_size_px(metadata.get("network_size_px")),
         focal_px=number(metadata.get("focal_px"), LEAST),
         orientation=int(orientation) if orientation in _ORIENTATIONS else None,
-        camera_source=CameraSource(source) if source in tuple(CameraSource) else None,
+        camera_source=camera.CameraSource(source) if source in tuple(camera.CameraSource) else None,
         centre_px=_pair(metadata.get("centre_px")),
         time_s=number(metadata.get("time_s")),
         anchor_fit=_anchor_fit(metadata.get("anchors")),
-        pixel_aspect=number(metadata.get("pixel_aspect"), *PIXEL_ASPECTS) or 1.0,
-        projection=Projection(value) if value in tuple(Projection) else Projection.PINHOLE,
+        pixel_aspect=number(metadata.get("pixel_aspect"), *types.PIXEL_ASPECTS) or 1.0,
+        projection=options.Projection(value)
+        if value in tuple(options.Projection)
+        else options.Projection.PINHOLE,
         is_cropped="camera_size_px" in metadata and not {"focal_px", "centre_px"} & set(metadata),
     )
 
@@ -204,14 +202,14 @@ def _size_px(text: str | None) -> tuple[int, int] | None:
     return (int(pair[0]), int(pair[1])) if pair and min(pair) >= 1 else None
 
 
-def _anchor_fit(text: str | None) -> AnchorFit | None:
+def _anchor_fit(text: str | None) -> types.AnchorFit | None:
     *_, last = (text or "").split(",")
-    fit = DepthFit(last) if last in tuple(DepthFit) else None
+    fit = options.DepthFit(last) if last in tuple(options.DepthFit) else None
     match _number_list(text and text.removesuffix(f",{fit}")):
         case [float(used), float(given), float(residual_m)] if (
             1 <= used <= given and residual_m >= 0
         ):
-            return AnchorFit(int(used), int(given), residual_m, fit)
+            return types.AnchorFit(int(used), int(given), residual_m, fit)
     return None
 
 
@@ -257,10 +255,10 @@ def depth_scale(
         if not 0 < scale < math.inf:
             raise UsageError(f"a scale of {scale:g} units per metre is not a number above 0")
         return DepthScale(scale, "option")
-    return DepthScale(MILLIMETRES if is_integer else 1.0, "assumed") if has_unit else None
+    return DepthScale(options.MILLIMETRES if is_integer else 1.0, "assumed") if has_unit else None
 
 
-def quantized(values: Float32Array, scale: float) -> tuple[UInt16Array, int]:
+def quantized(values: types.Float32Array, scale: float) -> tuple[types.UInt16Array, int]:
     """Metres, (H, W), as 16-bit integers of ``scale`` units per metre, rounded to nearest.
 
     They are 0 where there is no depth, 1 to 65535 elsewhere; with the number of pixels beyond.
@@ -268,8 +266,8 @@ def quantized(values: Float32Array, scale: float) -> tuple[UInt16Array, int]:
     height, width = values.shape
     steps = np.empty((height, width), np.uint16)
     saturated = 0
-    for rows in row_bands(width, height):
-        band, valid = values[rows] * np.float32(scale), has_depth(values[rows])
+    for rows in imageops.row_bands(width, height):
+        band, valid = values[rows] * np.float32(scale), types.has_depth(values[rows])
         np.rint(band, out=band)
         saturated += int(np.count_nonzero(valid & (band >= UINT16_MAX)))
         np.clip(band, 1, UINT16_MAX, out=band)
@@ -278,20 +276,22 @@ def quantized(values: Float32Array, scale: float) -> tuple[UInt16Array, int]:
     return steps, saturated
 
 
-def dequantized(steps: npt.NDArray[np.generic], scale: float) -> Float32Array:
+def dequantized(steps: npt.NDArray[np.generic], scale: float) -> types.Float32Array:
     """Metres of integers of ``scale`` units per metre: (H, W) in, float32 out, NaN where 0."""
     values = steps.astype(np.float32) / np.float32(scale)
     return np.where(steps == 0, np.float32(np.nan), values)
 
 
-def normalized(values: FloatArray, valid: BoolArray, low: float, high: float) -> UInt16Array:
+def normalized(
+    values: types.FloatArray, valid: types.BoolArray, low: float, high: float
+) -> types.UInt16Array:
     """Values from ``low`` to ``high`` as 1-65535, clamped; 0 where they are not known."""
     share = (np.where(valid, values, low) - low) / ((high - low) or 1.0)
     steps = np.rint(1 + np.clip(share, 0, 1) * (UINT16_MAX - 1))
     return np.where(valid, steps, 0).astype(np.uint16)
 
 
-def denormalized(steps: npt.NDArray[np.generic], low: float, high: float) -> Float32Array:
+def denormalized(steps: npt.NDArray[np.generic], low: float, high: float) -> types.Float32Array:
     """Values from ``low`` to ``high`` of 1-65535: (H, W) in, float32 out, NaN where they are 0."""
     share = (steps.astype(np.float64) - 1) / (UINT16_MAX - 1)
     values = (low + share * (high - low)).astype(np.float32)

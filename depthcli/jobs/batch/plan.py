@@ -11,13 +11,8 @@ from threading import Event
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import SceneLayout, short_repr
 from depthcli.errors import DepthcliError, InputError, UsageError
-from depthcli.io import listing
-from depthcli.io.calibration import read_lenses
+from depthcli.io import calibration, guard, listing, manifest, media
 from depthcli.io.formats.table import Format, WriterOptions
-from depthcli.io.guard import is_own_output
-from depthcli.io.listing import listed_inputs
-from depthcli.io.manifest import WHOLE, Shard
-from depthcli.io.media import ARCHIVE_SUFFIXES, is_archive, is_video
 from depthcli.io.storage import paths
 from depthcli.jobs.outputs import OutputNames, sharing_stem, stem
 from depthcli.video.formats import VideoFormat
@@ -33,7 +28,7 @@ class BatchPlan:
     skipped: tuple[listing.Skipped, ...]  #: files that are no inputs
     loops: tuple[str, ...] = ()  #: links to a folder above them
     like_outputs: frozenset[str] = frozenset()  #: real paths of inputs with a name of an output
-    shard: Shard = WHOLE  #: the part of the inputs that is planned
+    shard: manifest.Shard = manifest.WHOLE  #: the part of the inputs that is planned
     #: cameras of a table, by input; the others are not in it
     intrinsics: Mapping[str, Intrinsics] = field(default_factory=dict)
     same_stem: frozenset[str] = frozenset()  #: images whose stem is that of another image
@@ -53,12 +48,12 @@ class BatchPlan:
 
 def holds_many(name: str) -> bool:
     """Whether a name is a video's, or that of an archive of images."""
-    return is_video(name) or is_archive(name)
+    return media.is_video(name) or media.is_archive(name)
 
 
 _OUTPUT_SUFFIXES = (
     *(format_.facts.suffix for format_ in (*Format, *VideoFormat)),
-    *(f".depth{suffix}" for suffix in ARCHIVE_SUFFIXES),
+    *(f".depth{suffix}" for suffix in media.ARCHIVE_SUFFIXES),
 )
 
 
@@ -67,7 +62,7 @@ def _planned(
     where: str,
     out: str,
     names_filter: listing.NameFilter,
-    shard: Shard,
+    shard: manifest.Shard,
     cameras: str | None,
     loops: tuple[str, ...] = (),
     *,
@@ -108,7 +103,7 @@ def _planned(
         like_outputs=frozenset(like_outputs),
         shard=shard,
         intrinsics=intrinsics,
-        same_stem=sharing_stem(name for name in names.longer if not is_video(name)),
+        same_stem=sharing_stem(name for name in names.longer if not media.is_video(name)),
         is_part=is_list or bool(names_filter.include or names_filter.exclude),
         warnings=tuple(warnings),
     )
@@ -121,7 +116,7 @@ def _lenses(
     if source is None:
         return {}, []
     try:
-        table = read_lenses(paths.path_of(source))
+        table = calibration.read_lenses(paths.path_of(source))
     except InputError as error:
         raise UsageError(str(error), option="cameras") from error
     rows = {name: name if name in table else stem(name) for name in names}
@@ -151,7 +146,7 @@ def plan_folder(
     root: str | os.PathLike[str],
     out: str | os.PathLike[str],
     names_filter: listing.NameFilter = listing.ANY,
-    shard: Shard = WHOLE,
+    shard: manifest.Shard = manifest.WHOLE,
     cameras: str | None = None,
 ) -> BatchPlan:
     """Plan all images and videos in a folder tree, or its archives if it holds no other.
@@ -175,7 +170,9 @@ def plan_folder(
     files = list[tuple[listing.InputFile, str | None]]()
     for name, reason in tree.skipped:
         # A data set may be in archives alone.
-        is_input = not tree.media and reason in ARCHIVE_SUFFIXES and not is_own_output(name)
+        is_input = (
+            not tree.media and reason in media.ARCHIVE_SUFFIXES and not guard.is_own_output(name)
+        )
         file = listing.InputFile(name, paths.join(root, name))
         files.append((file, None if is_input else reason))
     files += [(file, None) for file in tree.media]
@@ -189,7 +186,7 @@ def plan_files(
     root: str | os.PathLike[str] | None,
     out: str | os.PathLike[str],
     names_filter: listing.NameFilter = listing.ANY,
-    shard: Shard = WHOLE,
+    shard: manifest.Shard = manifest.WHOLE,
     cameras: str | None = None,
 ) -> BatchPlan:
     """Plan the files of a list, with any suffix; ``source`` is the name of the list in messages.
@@ -199,8 +196,8 @@ def plan_files(
     """
     root = None if root is None else paths.without_file_scheme(root)
     files = (
-        (file, listing.OWN if file.problem is None and is_own_output(file.path) else None)
-        for file in listed_inputs(words, root)
+        (file, listing.OWN if file.problem is None and guard.is_own_output(file.path) else None)
+        for file in listing.listed_inputs(words, root)
     )
     where, out = f"the list {paths.safe_name(source)}", paths.without_file_scheme(out)
     return _planned(files, where, out, names_filter, shard, cameras, is_list=True)

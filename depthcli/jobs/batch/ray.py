@@ -30,8 +30,7 @@ from depthcli.core.parallel import NO_PROGRESS, Progress
 from depthcli.errors import DepthcliError, EngineError, InputError, UsageError
 from depthcli.io.manifest import CacheKey
 from depthcli.io.storage.paths import RemotePath
-from depthcli.jobs.batch.plan import holds_many
-from depthcli.jobs.batch.tasks import BatchResult, BatchTask
+from depthcli.jobs.batch import plan, tasks
 from depthcli.jobs.batch.workers import Chunks, Record, Worker, WorkerSpec
 
 
@@ -39,7 +38,7 @@ from depthcli.jobs.batch.workers import Chunks, Record, Worker, WorkerSpec
 class Call:
     """One request to a worker: chunks of images, or a video."""
 
-    chunks: tuple[Sequence[BatchTask], ...]
+    chunks: tuple[Sequence[tasks.BatchTask], ...]
     lost_workers: int = 0  #: workers that died with it
 
     def split(self) -> Iterator[Call]:
@@ -48,7 +47,7 @@ class Call:
             yield Call(((task,),), self.lost_workers + 1)
 
     @property
-    def task(self) -> BatchTask:
+    def task(self) -> tasks.BatchTask:
         """The first input."""
         return self.chunks[0][0]
 
@@ -78,9 +77,9 @@ class RemoteWorker:
         self._worker = self._spec.build()
         return self._worker.key
 
-    def work(self, call: Call) -> list[BatchResult]:
+    def work(self, call: Call) -> list[tasks.BatchResult]:
         """Process the inputs of a call."""
-        if holds_many(call.task.input.name):
+        if plan.holds_many(call.task.input.name):
             return [self._worker.work_many(call.task, self._cpus, NO_PROGRESS)]
         return [result for chunk in call.chunks for result in self._worker.work(chunk)]
 
@@ -101,7 +100,7 @@ class WorkerPool:
         self._key: CacheKey | None = None
         self._failed_starts = 0
 
-    def results(self, calls: Iterator[Call], workers: int) -> Iterator[Sequence[BatchResult]]:
+    def results(self, calls: Iterator[Call], workers: int) -> Iterator[Sequence[tasks.BatchResult]]:
         """The results of each call, in any order."""
         self._waiting.extend(islice(calls, 1))
         for _ in range(workers if self._waiting else 0):
@@ -121,7 +120,7 @@ class WorkerPool:
         if running := [future for future, (_, call) in self._futures.items() if call]:
             self._ray.wait(running, num_returns=len(running), timeout=_SHUTDOWN_TIMEOUT_S)
 
-    def _next_results(self) -> Iterator[Sequence[BatchResult]]:
+    def _next_results(self) -> Iterator[Sequence[tasks.BatchResult]]:
         """Wait for a worker, and yield the results of its call."""
         done: list[Hashable] = []
         while not done:
@@ -228,8 +227,8 @@ class RayEngine:
             self._ray.shutdown()
 
     def run(
-        self, spec: WorkerSpec, chunks: Chunks, videos: Iterable[BatchTask], record: Record
-    ) -> Generator[BatchResult, None, None]:
+        self, spec: WorkerSpec, chunks: Chunks, videos: Iterable[tasks.BatchTask], record: Record
+    ) -> Generator[tasks.BatchResult, None, None]:
         """Process images and videos, as every engine does."""
         actor = self._ray.remote(num_cpus=self._cpus, num_gpus=self._gpus, max_restarts=0)
         worker = actor(RemoteWorker)

@@ -17,9 +17,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from depthcli.core import parallel, validation
 from depthcli.core.options import GPU_BATCH, SceneLayout
-from depthcli.core.parallel import NO_PROGRESS, Progress, share_cores
-from depthcli.core.validation import FieldError, parsed_json
 from depthcli.errors import InputError, OutputError, UsageError, os_errors_as
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.session import CPU, Session
@@ -102,7 +101,7 @@ class Batch(Iterator[BatchResult]):
         request: BatchRequest,
         session: Session | None = None,
         engine: Engine | None = None,
-        progress: Progress = NO_PROGRESS,
+        progress: parallel.Progress = parallel.NO_PROGRESS,
     ) -> None:
         """Load the model, unless there is a session of it, and lock the output folder.
 
@@ -111,7 +110,7 @@ class Batch(Iterator[BatchResult]):
         another batch writes there.
         """
         plan, options = request.plan, request.options
-        workers, threads = share_cores(request.workers, request.model.threads)
+        workers, threads = parallel.share_cores(request.workers, request.model.threads)
         model = replace(request.model, threads=threads)
         session = session or model.load()
         images = plan.images if request.may_spawn and session.provider == CPU else ()
@@ -271,10 +270,10 @@ def read_transforms(path: Path) -> dict[str, Any]:
     with os_errors_as(UsageError, f"cannot read {path}"):
         data = path.read_bytes()
     try:
-        scene: Any = parsed_json(data)
+        scene: Any = validation.parsed_json(data)
         if all(isinstance(frame["file_path"], str) for frame in scene["frames"]):
             return dict(scene)
-    except (FieldError, KeyError, TypeError):
+    except (validation.FieldError, KeyError, TypeError):
         pass
     raise UsageError(f"{path} has no frames with a file_path", option="transforms")
 

@@ -14,12 +14,9 @@ from depthcli.core.camera import Intrinsics
 from depthcli.core.options import SceneLayout
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, OutputError, UsageError
-from depthcli.io import manifest
+from depthcli.io import listing, manifest, media
 from depthcli.io.formats.table import Format
 from depthcli.io.guard import Guard
-from depthcli.io.listing import InputFile, RealPaths
-from depthcli.io.manifest import Rows
-from depthcli.io.media import is_archive, is_video
 from depthcli.io.storage.atomic import identity_of
 from depthcli.io.storage.objects import masked
 from depthcli.io.storage.paths import path_of, read_bytes
@@ -95,7 +92,7 @@ class BatchResult:
 class BatchTask:
     """One input to process."""
 
-    input: InputFile  #: the file
+    input: listing.InputFile  #: the file
     #: path of each format of images or videos; a sequence's has ``%06d`` in its name
     outputs: Mapping[Any, Path]
     earlier: manifest.ManifestRow | None = None  #: the row of an earlier run; None if it has none
@@ -198,42 +195,44 @@ class BatchTask:
 class TaskBuilder:
     """Makes the task of each input of a batch."""
 
-    def __init__(self, plan: BatchPlan, options: BatchOptions, rows: Rows | None = None) -> None:
+    def __init__(
+        self, plan: BatchPlan, options: BatchOptions, rows: manifest.Rows | None = None
+    ) -> None:
         """Begin with the rows of earlier batches.
 
         Videos get the counterparts of the formats of images, archives hold them.
         """
         formats, self._layout = options.formats, options.layout
         videos = tuple(COUNTERPARTS[format_] for format_ in formats if format_ in COUNTERPARTS)
-        self._plan, self._rows = plan, rows or Rows(())
+        self._plan, self._rows = plan, rows or manifest.Rows(())
         self._images = Destination(Kind.FOLDER, plan.out, formats)
         self._videos = Destination(Kind.FOLDER, plan.out, videos)
         self._rivals = {path: row.input for row in self._rows.others for path in _output_paths(row)}
 
-    def of(self, file: InputFile) -> dict[Format, Path] | dict[VideoFormat, Path]:
+    def of(self, file: listing.InputFile) -> dict[Format, Path] | dict[VideoFormat, Path]:
         """Paths of the outputs of an input."""
         base = self._plan.out / self._plan.names.base(file.name)
-        if is_video(file.name):
+        if media.is_video(file.name):
             return self._videos.outputs(base)
         outputs = self._images.outputs(base)
         if self._layout is SceneLayout.GSPLAT:
             return outputs | {Format.PNG16: base.with_name(f"{base.name}.png")}
         if self._layout is SceneLayout.COLMAP:
             return outputs | {Format.COLMAP: self._plan.out / f"{file.name}.geometric.bin"}
-        if not is_archive(file.name):
+        if not media.is_archive(file.name):
             return outputs
         return {next(iter(outputs)): base.with_name(f"{base.name}.depth{Path(file.name).suffix}")}
 
     def check_conflicts(self) -> None:
         """UsageError if an output would replace an input, also through a link."""
-        places, inputs = RealPaths(), self._plan.like_outputs
+        places, inputs = listing.RealPaths(), self._plan.like_outputs
         for file in self._plan.inputs if inputs else ():
             for path in self.of(file).values():
                 if places.of(path) in inputs:
                     problem = f"{path}, the output for {file.name}, is an input"
                     raise UsageError(problem, "choose another {out}")
 
-    def task(self, file: InputFile) -> BatchTask:
+    def task(self, file: listing.InputFile) -> BatchTask:
         """The task for an input."""
         plan, row, outputs = self._plan, self._rows.row(file.name), self.of(file)
         paths = {path.relative_to(plan.out).as_posix() for path in outputs.values()}
@@ -252,7 +251,7 @@ class TaskBuilder:
 def _output_paths(row: manifest.ManifestRow) -> set[str]:
     """Paths of a row's outputs; frames of a video have the name of their sequence."""
     paths = {file.path for file in row.outputs}
-    return {_FRAME.sub("%06d", path) for path in paths} if is_video(row.input) else paths
+    return {_FRAME.sub("%06d", path) for path in paths} if media.is_video(row.input) else paths
 
 
 _FRAME = re.compile(r"(?<=\.depth\.)\d{6,}(?=\.\w+$)")

@@ -21,18 +21,9 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias
 
 from depthcli._version import __version__
+from depthcli.core import parallel, validation
 from depthcli.core.camera import Intrinsics
 from depthcli.core.options import MILLIMETRES
-from depthcli.core.parallel import (
-    NO_PROGRESS,
-    Background,
-    Progress,
-    one_thread_each,
-    ordered_map,
-    start_worker,
-    without_interrupts,
-)
-from depthcli.core.validation import fingerprint
 from depthcli.errors import EngineError, InputError, ModelError, about, os_errors_as
 from depthcli.inference.loading import SessionLoader
 from depthcli.inference.pipeline import Pipeline, check_network
@@ -40,8 +31,7 @@ from depthcli.inference.session import Session
 from depthcli.io.formats.table import Format
 from depthcli.io.manifest import CacheKey, KnownDepthEntry, output_entry
 from depthcli.io.media import is_archive, is_bag
-from depthcli.io.storage.atomic import atomic_path
-from depthcli.io.storage.paths import local_copy, path_of, read_bytes, regular_size
+from depthcli.io.storage import atomic, paths
 from depthcli.io.stored.metadata import camera_text
 from depthcli.jobs.batch.tasks import BatchOptions, BatchResult, BatchTask
 from depthcli.jobs.image import ImageJob, ImageResult, ImageTask, failure_reason
@@ -91,14 +81,14 @@ class Worker:
     def _open(self, task: BatchTask) -> _OpenedImage | BatchResult:
         start_s, sha256 = time.perf_counter(), None
         try:
-            data = read_bytes(task.input.readable_path())
+            data = paths.read_bytes(task.input.readable_path())
             sha256 = hashlib.sha256(data).hexdigest()
             points = self.options.points_for(task)
             row = task.reusable_row(self.out, sha256, self.key, points)
             if row is not None:
                 return BatchResult(row, is_kept=True)
             task.check_outputs(overwrite=self.options.overwrite)
-            frame = self.options.read(path_of(task.input.path), data)
+            frame = self.options.read(paths.path_of(task.input.path), data)
         except Exception as error:  # noqa: BLE001 - no file may stop the others
             return task.failed_result(error, self.key, start_s, sha256)
         camera = self.options.camera.of_image(task.intrinsics)
@@ -133,14 +123,14 @@ class Worker:
             anchors=anchors,
         )
 
-    def work_many(self, task: BatchTask, workers: int, progress: Progress) -> BatchResult:
+    def work_many(self, task: BatchTask, workers: int, progress: parallel.Progress) -> BatchResult:
         """Process one video, or one archive of images, with ``workers`` frames in parallel.
 
         ``progress`` is advanced for each frame. Raises as :meth:`work` does.
         """
         start_s, sha256 = time.perf_counter(), None
         try:
-            with local_copy(task.input.readable_path()) as source:
+            with paths.local_copy(task.input.readable_path()) as source:
                 sha256 = video_checksum(task, source, self.options)
                 row = task.reusable_row(self.out, sha256, self.key)
                 if row is not None:
@@ -156,7 +146,7 @@ class Worker:
             return task.failed_result(error, self.key, start_s, sha256)
 
     def _write_archive(
-        self, task: BatchTask, source: Path, workers: int, progress: Progress
+        self, task: BatchTask, source: Path, workers: int, progress: parallel.Progress
     ) -> dict[str, Any]:
         """Write the outputs of an archive's images into one; returns fields of its row."""
         # Seldom needed.
@@ -182,9 +172,9 @@ class Worker:
                 return member, error
 
         with (
-            atomic_path(path) as temporary,
+            atomic.atomic_path(path) as temporary,
             open_writer(temporary, options.formats) as write,
-            closing(ordered_map(work, images, workers=workers)) as done,
+            closing(parallel.ordered_map(work, images, workers=workers)) as done,
         ):
             for count, (member, image) in enumerate(done, start=1):  # noqa: B007 - the last one
                 stage(1)
@@ -224,7 +214,7 @@ class Worker:
         return files, camera_text(done.depth), (*warnings, *done.named_warnings(member.name))
 
     def _write_video(
-        self, task: BatchTask, source: Path, sha256: str, workers: int, progress: Progress
+        self, task: BatchTask, source: Path, sha256: str, workers: int, progress: parallel.Progress
     ) -> dict[str, Any]:
         """Write the outputs of a video; returns fields of its row."""
         # PyAV takes 60 ms to load, which a batch of images does not need.
@@ -272,7 +262,7 @@ def video_checksum(task: BatchTask, path: Path, options: BatchOptions) -> str:
     if options.anchors and not (is_bag(task.input.name) and options.topic):
         raise InputError(f"{path} is {kind}, to which anchors do not apply")
     with os_errors_as(InputError, f"{path} cannot be read"):
-        regular_size(path)  # no pipe, which may never end
+        paths.regular_size(path)  # no pipe, which may never end
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -301,7 +291,7 @@ class WorkerSpec:
     def key(self, session: Session) -> CacheKey:
         """Fingerprint of the options, model and version that outputs are made with."""
         loaded, options = session.model, self.options
-        checksum = fingerprint(
+        checksum = validation.fingerprint(
             sorted(set(options.formats)),
             options.writing,
             options.camera,
@@ -341,7 +331,7 @@ class LocalEngine:
 
     workers: int  #: chunks processed in parallel
     session: Session | None = None  #: the model, if it is loaded already
-    progress: Progress = NO_PROGRESS  #: advanced for each frame of a video
+    progress: parallel.Progress = parallel.NO_PROGRESS  #: advanced for each frame of a video
     processes: int = 1  #: that images are divided among; 1 for this one alone
 
     def run(
@@ -360,8 +350,8 @@ class LocalEngine:
             nullcontext(worker)
             if self.processes == 1
             else WorkerProcesses(spec, self.workers, self.processes, worker) as images,
-            one_thread_each(self.workers),
-            closing(ordered_map(work, chunks, workers=self.workers, ahead=ahead)) as done,
+            parallel.one_thread_each(self.workers),
+            closing(parallel.ordered_map(work, chunks, workers=self.workers, ahead=ahead)) as done,
         ):
             for results in done:
                 yield from results
@@ -400,7 +390,7 @@ class WorkerProcesses:
             pipes = [context.Pipe() for _ in range(i, workers, count)]
             theirs = [end for _, end in pipes]
             process = context.Process(target=_serve, args=(spec, theirs), daemon=True)
-            with without_interrupts():
+            with parallel.without_interrupts():
                 process.start()
             self._processes.append(process)
             for end in theirs:
@@ -447,19 +437,19 @@ class WorkerProcesses:
 
 
 def _serve(spec: WorkerSpec, ends: Sequence[Connection]) -> None:
-    start_worker()
-    loading = Background(spec.build)
+    parallel.start_worker()
+    loading = parallel.Background(spec.build)
     # Not the end of the process: Slurm and systemd signal the whole group.
     signal.signal(signal.SIGTERM, lambda *_: loading.result().job.pipeline.session.stop())
     threads = [Thread(target=_answer, args=(end, loading)) for end in ends]
-    with one_thread_each(len(threads)):
+    with parallel.one_thread_each(len(threads)):
         for thread in threads:
             thread.start()
         for thread in threads:
             thread.join()
 
 
-def _answer(end: Connection, loading: Background[Worker]) -> None:
+def _answer(end: Connection, loading: parallel.Background[Worker]) -> None:
     with end, suppress(EOFError, OSError):  # the other end is closed
         while True:
             chunk = end.recv()

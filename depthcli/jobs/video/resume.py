@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TextIO
 
 from depthcli._version import __version__
-from depthcli.core.arrays import Float32Array
-from depthcli.core.types import DepthKind
+from depthcli.core.types import DepthKind, Float32Array
 from depthcli.core.validation import fingerprint
 from depthcli.errors import InputError, OutputError, os_errors_as
 from depthcli.inference.pipeline import Pipeline
@@ -19,11 +18,9 @@ from depthcli.io.formats.table import READABLE
 from depthcli.io.storage.paths import RemotePath
 from depthcli.jobs.video.plan import VideoPlan
 from depthcli.known.sources import KnownDepthOfFrames
-from depthcli.video.formats import SEQUENCES, VideoFormat
-from depthcli.video.frames import FrameSource
-from depthcli.video.numbering import base_name, numbered_name
+from depthcli.video import formats, frames, numbering
 
-_NORMALS = (VideoFormat.NORMALS, VideoFormat.NORMALS_EXR)
+_NORMALS = (formats.VideoFormat.NORMALS, formats.VideoFormat.NORMALS_EXR)
 _NUMBER = re.compile(r"[0-9]{1,18}")
 
 
@@ -50,8 +47,10 @@ class FrameJournal:
         """
         if self.plan is None or number not in self.done:
             return None
-        names = [self.plan.names.get(VideoFormat(format_)) for format_ in READABLE]  # best first
-        paths = [self.plan.folder / numbered_name(name, number) for name in names if name]
+        names = [
+            self.plan.names.get(formats.VideoFormat(format_)) for format_ in READABLE
+        ]  # best first
+        paths = [self.plan.folder / numbering.numbered_name(name, number) for name in names if name]
         try:
             maps = [read_stored_depth(path).displayed for path in paths]
         except InputError:
@@ -77,7 +76,7 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline) -> float | None:
     rounded depth would be those of its steps.
     """
     settings, writing = plan.settings, plan.settings.writing
-    is_in_steps = {VideoFormat.MKV, VideoFormat.PNG16} & set(plan.names)
+    is_in_steps = {formats.VideoFormat.MKV, formats.VideoFormat.PNG16} & set(plan.names)
     is_finer = any(format_.facts.is_exact or format_ in _NORMALS for format_ in plan.names)
     is_metric = bool(settings.anchors) or pipeline.card.output.kind is DepthKind.METRIC
     is_stretched = settings.smooth_s or writing.is_normalized
@@ -88,7 +87,7 @@ def rounding_scale(plan: VideoPlan, pipeline: Pipeline) -> float | None:
 
 @contextmanager
 def open_journal(
-    plan: VideoPlan, source: FrameSource, pipeline: Pipeline, anchors: KnownDepthOfFrames
+    plan: VideoPlan, source: frames.FrameSource, pipeline: Pipeline, anchors: KnownDepthOfFrames
 ) -> Iterator[FrameJournal]:
     """The record of this run, and of an earlier one if it can be resumed.
 
@@ -100,17 +99,17 @@ def open_journal(
     previous ones; in an object store; or if the other outputs cannot be made from the depth that is
     kept. The record of an earlier run is removed then, because this run replaces its frames.
     """
-    numbered = [kind for kind in plan.names if kind in SEQUENCES]
+    numbered = [kind for kind in plan.names if kind in formats.SEQUENCES]
     if not numbered or isinstance(plan.folder, RemotePath):
         yield FrameJournal()
         return
-    path = plan.folder / f".{base_name(plan.names[numbered[0]])}.depthcli-frames"
+    path = plan.folder / f".{numbering.base_name(plan.names[numbered[0]])}.depthcli-frames"
     is_whole = rounding_scale(plan, pipeline) is not None or any(
         kind.facts.is_exact and not (plan.settings.writing.half and "half" in kind.facts.options)
         for kind in numbered
     )
-    is_alone = set(plan.names) <= set(SEQUENCES)
-    is_readable = any(SEQUENCES[kind].facts.is_readable for kind in numbered)
+    is_alone = set(plan.names) <= set(formats.SEQUENCES)
+    is_readable = any(formats.SEQUENCES[kind].facts.is_readable for kind in numbered)
     can_resume = not plan.settings.smooth_s and bool(source.paths) and (is_whole or is_alone)
     can_resume &= is_readable
     with os_errors_as(OutputError, f"cannot write into {plan.folder}", "choose another {out}"):
@@ -137,7 +136,7 @@ def open_journal(
 
 
 def _origin(
-    plan: VideoPlan, source: FrameSource, pipeline: Pipeline, anchors: KnownDepthOfFrames
+    plan: VideoPlan, source: frames.FrameSource, pipeline: Pipeline, anchors: KnownDepthOfFrames
 ) -> str:
     settings = plan.settings
     # A broken link in a sequence costs no other image.

@@ -1,7 +1,5 @@
 """Predicting the depth of a video, as ``depthcli video`` does."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Writing a video: its frames predicted, smoothed in order and written, and the result."""
 
-from __future__ import annotations
-
 import time
 from array import array
 from collections import deque
@@ -16,9 +14,7 @@ from typing import Any
 import numpy as np
 
 from depthcli.core import temporal, types
-from depthcli.core.arrays import Float32Array
 from depthcli.core.parallel import NO_PROGRESS, Progress, one_thread_each, ordered_map
-from depthcli.core.types import DepthKind, DepthMap, Frame
 from depthcli.errors import InputError, Message, about
 from depthcli.inference.pipeline import Pipeline
 from depthcli.inference.transforms import focal_warnings
@@ -32,11 +28,9 @@ from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
 from depthcli.jobs.video.resume import FrameJournal, open_journal, rounding_scale
 from depthcli.known.sources import KnownDepthOfFrames
+from depthcli.video import container, formats, numbering
 from depthcli.video.audio import AudioTrack
-from depthcli.video.container import LiveStream
-from depthcli.video.formats import SEQUENCES, VideoFormat
 from depthcli.video.frames import FrameSource, Timing
-from depthcli.video.numbering import base_name
 from depthcli.video.outputs import (
     DepthFrame,
     SegmentedOutput,
@@ -57,8 +51,8 @@ class PredictedFrame:
     shown: DepthFrame
     #: why it is not fitted to known depth that the video has; None if it is
     unfitted: str | None
-    thumbnail: Float32Array  #: its brightness at a reduced size, (h, w) float32
-    sampled: Float32Array  #: its depth at that size, (h, w) of ``to_log``
+    thumbnail: types.Float32Array  #: its brightness at a reduced size, (h, w) float32
+    sampled: types.Float32Array  #: its depth at that size, (h, w) of ``to_log``
     warnings: tuple[str, ...] = ()  #: about its depth, one line each
 
 
@@ -75,12 +69,12 @@ class FramePredictor:
     scale: float | None  #: units per metre to which depth is rounded; None for no rounding
 
     @property
-    def kind(self) -> DepthKind:
+    def kind(self) -> types.DepthKind:
         """What the values of the maps mean."""
         is_fitted = bool(self.settings.anchors)
-        return DepthKind.METRIC if is_fitted else self.job.pipeline.card.output.kind
+        return types.DepthKind.METRIC if is_fitted else self.job.pipeline.card.output.kind
 
-    def predict(self, image: Frame) -> PredictedFrame:
+    def predict(self, image: types.Frame) -> PredictedFrame:
         """Predict a frame, and all that depends on one frame only."""
         number, start, camera = image.index, self.settings.start_number, self.settings.camera
         shift = 0 if start is None else start - self.first
@@ -91,7 +85,7 @@ class FramePredictor:
         written = self.journal.depth(image.index) if number != self.first else None
         unfitted, warnings = None, tuple[str, ...]()
         if written is not None:
-            depth = DepthMap(written, self.kind)
+            depth = types.DepthMap(written, self.kind)
         else:
             done, unfitted = self._fitted(types.seen_frame(image), number)
             depth, of_video = done.whole, {*done.shared, *image.warnings}
@@ -101,13 +95,13 @@ class FramePredictor:
                 depth = replace(depth, values=values)
         depth, displayed = _in_windows(depth, image.windows, is_kept=written is not None)
         thumbnail = temporal.thumbnail(image.pixels)
-        small = DepthMap(temporal.sample_cells(displayed, thumbnail.shape), depth.kind)
+        small = types.DepthMap(temporal.sample_cells(displayed, thumbnail.shape), depth.kind)
         if self.settings.smooth_s:
             depth = replace(depth, values=temporal.to_log(depth))
         frame = DepthFrame(image, depth, percentiles(small), is_kept=written is not None)
         return PredictedFrame(frame, unfitted, thumbnail, temporal.to_log(small), warnings)
 
-    def _fitted(self, image: Frame, number: int) -> tuple[ImageResult, str | None]:
+    def _fitted(self, image: types.Frame, number: int) -> tuple[ImageResult, str | None]:
         """Depth of a frame, and why it is not fitted to known depth, if the video has any."""
         task = ImageTask(image, self.settings.camera)
         if not self.settings.anchors:
@@ -125,7 +119,7 @@ class FramePredictor:
             problem: str = Message(f"frame {number} has no known depth", advice)
         except InputError as error:
             problem = about(f"frame {number}", error.message)
-        if self.job.pipeline.card.output.kind is not DepthKind.METRIC:
+        if self.job.pipeline.card.output.kind is not types.DepthKind.METRIC:
             raise InputError(problem, "give some for every frame, or another {model}")
         return self.job.run(task), problem
 
@@ -146,7 +140,7 @@ class FrameFilter:
 
     first: DepthFrame
 
-    def __init__(self, settings: VideoSettings, kind: DepthKind) -> None:
+    def __init__(self, settings: VideoSettings, kind: types.DepthKind) -> None:
         """Begin before the first frame."""
         self._settings = settings
         self._changes, self._lock = temporal.ChangeDetector(), temporal.RangeLock()
@@ -215,8 +209,8 @@ def restored(frame: DepthFrame, settings: VideoSettings) -> DepthFrame:
 
 
 def _in_windows(
-    depth: DepthMap, windows: types.Windows | None, *, is_kept: bool
-) -> tuple[DepthMap, Float32Array]:
+    depth: types.DepthMap, windows: types.Windows | None, *, is_kept: bool
+) -> tuple[types.DepthMap, types.Float32Array]:
     """Depth over all pixels of its frame, without any where the file has no pixels.
 
     What an earlier run wrote (kept) covers the display window alone. Also returns the values
@@ -256,8 +250,8 @@ def write_video(
         guard = Guard.of([*source.paths, *known_depth.paths], overwrite=overwrite)
         outputs = [*map(stack.enter_context, _outputs(plan, source, guard))]
         sidecar = None
-        if VideoFormat.JSON in plan.names:
-            path = plan.path(VideoFormat.JSON)
+        if formats.VideoFormat.JSON in plan.names:
+            path = plan.path(formats.VideoFormat.JSON)
             guard.check(path)
             sidecar = stack.enter_context(atomic_path(path))
         advance = progress.begin(plan.name, source.count(settings.span), "frames")
@@ -269,7 +263,7 @@ def write_video(
         how = (settings, known_depth, journal, source, first.index, scale)
         predictor = FramePredictor(job, *how)
         report = FrameFilter(settings, predictor.kind)
-        ahead = workers if isinstance(plan.source, LiveStream) else None
+        ahead = workers if isinstance(plan.source, container.LiveStream) else None
         frames = chain([first], frames)
         written = _process_frames(frames, predictor, report, outputs, workers, ahead)
         # Closed before the outputs, so that no thread writes into a file that is being removed.
@@ -284,7 +278,7 @@ def write_video(
         warnings = [warning for output in outputs for warning in output.finish()]
         done = _result(plan, source, pipeline, report, warnings)
         if sidecar is not None:
-            is_numbered = not set(SEQUENCES).isdisjoint(plan.names)
+            is_numbered = not set(formats.SEQUENCES).isdisjoint(plan.names)
             sidecar.write_text(done.sidecar(has_times=is_numbered), "utf-8")
     return replace(done, seconds=time.perf_counter() - start_s)
 
@@ -292,13 +286,13 @@ def write_video(
 def _remove_stale_sidecars(plan: VideoPlan) -> None:
     """Remove the sidecar of an earlier run, which would state its camera for files without one."""
     for format_, name in plan.names.items():
-        image = SEQUENCES.get(format_)
+        image = formats.SEQUENCES.get(format_)
         if image is not None and not image.facts.has_camera:
-            remove_video_sidecar(plan.folder / f"{base_name(name)}.json")
+            remove_video_sidecar(plan.folder / f"{numbering.base_name(name)}.json")
 
 
 def _process_frames(
-    frames: Iterator[Frame],
+    frames: Iterator[types.Frame],
     predictor: FramePredictor,
     filter_: FrameFilter,
     outputs: Sequence[VideoOutput],
@@ -333,16 +327,16 @@ def _process_frames(
 def _outputs(plan: VideoPlan, source: FrameSource, guard: Guard) -> Iterator[VideoOutput]:
     """The outputs of all formats but JSON, each in one file or in segments, and the page."""
     for format_ in plan.names:
-        if format_ is not VideoFormat.JSON:
+        if format_ is not formats.VideoFormat.JSON:
             opened = partial(open_output, format_, plan, source, guard)
-            length_s = None if format_ in SEQUENCES else plan.settings.segment_s
+            length_s = None if format_ in formats.SEQUENCES else plan.settings.segment_s
             yield SegmentedOutput(opened, length_s, plan.first_segment) if length_s else opened()
     if plan.request.page is not None:
         yield plan.request.page
 
 
 def open_output(
-    format_: VideoFormat,
+    format_: formats.VideoFormat,
     plan: VideoPlan,
     source: FrameSource,
     guard: Guard,
@@ -350,15 +344,17 @@ def open_output(
 ) -> VideoOutput:
     """The output of one format, or of one of its segments, to be entered."""
     request, writing = plan.request, plan.settings.writing
-    if format_ in SEQUENCES:
-        return SequenceOutput(SEQUENCES[format_], plan.folder, plan.names[format_], writing, guard)
+    if format_ in formats.SEQUENCES:
+        return SequenceOutput(
+            formats.SEQUENCES[format_], plan.folder, plan.names[format_], writing, guard
+        )
     rate = plan.settings.span.rate(source.rate)
     step = source.rate / rate
     is_stepped = not source.numbers_follow_times and step.denominator == 1
     timing = Timing(rate, source.tick_s, source.rate, step.numerator if is_stepped else None)
     starts_s = source.start_s if request.has_audio else None
     audio = None
-    if starts_s is not None and not isinstance(plan.source, LiveStream):
+    if starts_s is not None and not isinstance(plan.source, container.LiveStream):
         audio = AudioTrack(plan.source, starts_s)
     target = plan.target(format_, segment)
     if isinstance(target, Path):

@@ -12,9 +12,8 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Self, TypeAlias
 
-from depthcli.core.arrays import Float32Array, UInt8Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
-from depthcli.core.types import Frame
+from depthcli.core.types import Float32Array, Frame, UInt8Array
 from depthcli.core.validation import fingerprint
 from depthcli.errors import DatasetError
 from depthcli.lab.options import SplitName

@@ -14,10 +14,9 @@ from typing import Self
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import AnyArray, Float32Array, UInt8Array
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.options import DepthEncoding
-from depthcli.core.types import Frame
+from depthcli.core.types import AnyArray, Float32Array, Frame, UInt8Array
 from depthcli.errors import DatasetError, InputError, Message
 from depthcli.io.calibration import read_lenses
 from depthcli.io.depth.read import read_metadata, read_stored_depth

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from depthcli.core.arrays import AnyArray, Float32Array, UInt8Array
 from depthcli.core.options import MILLIMETRES, short_repr
+from depthcli.core.types import AnyArray, Float32Array, UInt8Array
 from depthcli.errors import DatasetError
 from depthcli.io.listing import CsvTable
 from depthcli.io.storage.paths import read_bytes

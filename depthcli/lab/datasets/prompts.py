@@ -7,8 +7,8 @@ from enum import StrEnum
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import Float32Array, Float64Array, Int64Array
 from depthcli.core.options import short_repr
+from depthcli.core.types import Float32Array, Float64Array, Int64Array
 from depthcli.errors import UsageError
 
 _Map = Float32Array

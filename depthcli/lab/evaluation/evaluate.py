@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from depthcli.core.arrays import Float64Array
 from depthcli.core.parallel import NO_PROGRESS, Progress, one_thread_each, ordered_map
+from depthcli.core.types import Float64Array
 from depthcli.errors import DatasetError, UsageError
 from depthcli.lab.datasets.base import DepthDataset
 from depthcli.lab.evaluation import predictors as sources

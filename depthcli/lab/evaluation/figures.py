@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import Float32Array, UInt8Array
 from depthcli.core.imageops import resize_area, value_channel
 from depthcli.core.options import Colormap
 from depthcli.core.parallel import NO_PROGRESS, Progress
-from depthcli.core.types import DepthKind, DepthMap
+from depthcli.core.types import DepthKind, DepthMap, Float32Array, UInt8Array
 from depthcli.errors import UsageError
 from depthcli.io.formats.preview import PreviewWriter, colour_table, with_legend
 from depthcli.io.images.png import encode_png

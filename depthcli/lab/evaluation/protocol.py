@@ -4,10 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from depthcli.core.arrays import BoolArray, Float32Array, FloatArray
 from depthcli.core.imageops import resize_bilinear
 from depthcli.core.options import AUTO_TILE, Upsampling
-from depthcli.core.types import DepthKind, DepthMap
+from depthcli.core.types import BoolArray, DepthKind, DepthMap, Float32Array, FloatArray
 from depthcli.errors import DatasetError
 from depthcli.lab.metrics.alignment import align
 from depthcli.lab.metrics.boundary import BoundaryScores, boundary_scores

@@ -12,7 +12,7 @@ from onnx import TensorProto, helper, numpy_helper
 from onnxscript import optimizer
 from torch import nn
 
-from depthcli.core.arrays import Float32Array
+from depthcli.core.types import Float32Array
 from depthcli.errors import ParityError
 from depthcli.inference.session import ort
 from depthcli.io.storage.atomic import temporary_folder

@@ -14,7 +14,7 @@ from onnx import numpy_helper
 from onnxruntime.quantization import QuantFormat, QuantType, quantize_static
 from torch import nn
 
-from depthcli.core.arrays import Float32Array
+from depthcli.core.types import Float32Array
 from depthcli.errors import UsageError
 from depthcli.inference.session import ort
 from depthcli.inference.transforms import prepare

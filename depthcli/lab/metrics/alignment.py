@@ -10,8 +10,7 @@ disparity); Zhou et al., "Unsupervised Learning of Depth and Ego-Motion from Vid
 
 import numpy as np
 
-from depthcli.core.arrays import Float64Array
-from depthcli.core.types import DepthKind
+from depthcli.core.types import DepthKind, Float64Array
 from depthcli.lab.options import Alignment
 
 SUITABLE: dict[DepthKind, tuple[Alignment, ...]] = {

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import BoolArray, Float32Array, Float64Array, FloatArray
+from depthcli.core.types import BoolArray, Float32Array, Float64Array, FloatArray
 
 MAX_DISTANCE_PX = 10.0  #: edges farther apart than this are not matched
 RATIOS = tuple(np.linspace(1.05, 1.25, 10).tolist())

@@ -18,7 +18,7 @@ from typing import Any, Self, TypeAlias
 import cv2
 import numpy as np
 
-from depthcli.core.arrays import Float64Array, FloatArray
+from depthcli.core.types import Float64Array, FloatArray
 from depthcli.errors import UsageError
 from depthcli.lab.options import Averaging
 

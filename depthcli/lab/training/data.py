@@ -12,10 +12,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from depthcli.core.arrays import BoolArray, Float32Array, UInt8Array
 from depthcli.core.camera import focal_px_of_hfov
 from depthcli.core.imageops import filled_nearest
 from depthcli.core.parallel import ordered_map, usable_cores
+from depthcli.core.types import BoolArray, Float32Array, UInt8Array
 from depthcli.errors import DatasetError, UsageError
 from depthcli.lab.datasets.base import DepthDataset
 from depthcli.lab.datasets.prompts import WHOLE, Pattern, Prompt

@@ -13,8 +13,7 @@ from helpers.tiny import synthetic_image, write_image
 from onnx.numpy_helper import to_array
 from torch import Tensor, nn
 
-from depthcli.core.arrays import Float32Array
-from depthcli.core.types import DepthMap
+from depthcli.core.types import DepthMap, Float32Array
 from depthcli.io.formats.raster import Png16Writer
 from depthcli.lab.export.graph import build_graph, check_parity
 from depthcli.lab.export.int8 import (
