@@ -11,8 +11,7 @@ from depthcli.errors import InputError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.storage.paths import path_of
 from depthcli.io.stored.depth import DepthReadOptions
-from depthcli.video import depth_video as depth_videos
-from depthcli.video import source as video_frames
+from depthcli.video import depth_video as depth_videos, source as video_frames
 from depthcli.video.container import InputPipe
 from depthcli.video.frames import WHOLE, Span
 

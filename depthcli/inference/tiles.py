@@ -20,8 +20,7 @@ from typing import NamedTuple, Self
 import cv2
 import numpy as np
 
-from depthcli.core import types
-from depthcli.core.imageops import resize_area, resize_bilinear, row_bands
+from depthcli.core import imageops, types
 from depthcli.errors import InputError
 from depthcli.inference.transforms import blends_in_log, in_range
 from depthcli.models.card import OutputSpec
@@ -86,7 +85,7 @@ def _blend_tiles(
     predict: Callable[[types.Frame], types.Float32Array],
 ) -> types.Float32Array:
     """(grid.height, grid.width); tiles are added in a fixed order, so that rounding is too."""
-    whole = resize_bilinear(overall, grid.width, grid.height)
+    whole = imageops.resize_bilinear(overall, grid.width, grid.height)
     tile_size, size = overall.shape[::-1], (grid.width, grid.height)
     small = tuple(max(1, round(n * n / m)) for n, m in zip(tile_size, size, strict=True))
     # They increase smoothly from the tile's border to its middle, and are never 0.
@@ -94,7 +93,7 @@ def _blend_tiles(
     weights = np.asarray(np.outer(down, across) + 1e-6, np.float32)
     total, weight = np.zeros_like(whole), np.zeros_like(whole)
     for tile in grid.tiles:
-        depth = resize_bilinear(predict(_cropped(frame, grid, tile)), *tile_size)
+        depth = imageops.resize_bilinear(predict(_cropped(frame, grid, tile)), *tile_size)
         # A tile with holes is replaced by the whole image's map.
         good = np.isfinite(depth).all()
         total[tile] += weights * (_fit_tile(depth, whole[tile], small) if good else whole[tile])
@@ -132,8 +131,8 @@ def _fit_tile(
     was enlarged, because detail of the tile alone would bias it.
     """
     mean_found, mean_wanted = depth.mean(dtype=np.float64), coarse.mean(dtype=np.float64)
-    x = resize_area(depth, *small) - mean_found
-    y = resize_area(coarse, *small) - mean_wanted
+    x = imageops.resize_area(depth, *small) - mean_found
+    y = imageops.resize_area(coarse, *small) - mean_wanted
     prior = _PRIOR_WEIGHT * float(depth.var(dtype=np.float64))
     spread = float((x * x).mean()) + prior
     # If a tile contradicts the whole image, its detail is not used.
@@ -170,7 +169,7 @@ def panorama_distance(
         raise InputError(problem, "give {projection} pinhole, or the whole panorama")
     side = min(_MAX_VIEW_PX, max(8, round(frame.width / math.pi * _HALF_VIEW)))
     width = min(frame.width, round(side * math.pi / _HALF_VIEW))
-    small = resize_area(frame.pixels, width, max(1, width // 2))  # type: ignore[arg-type]
+    small = imageops.resize_area(frame.pixels, width, max(1, width // 2))  # type: ignore[arg-type]
     turns, logs, are_level = list[types.Float64Array](), list[types.Float32Array](), list[bool]()
     for yaw_deg, pitch_deg in _VIEWS_DEG:
         turn = _rotation(yaw_deg, pitch_deg)
@@ -185,7 +184,7 @@ def panorama_distance(
     samples = [*_samples(types.panorama_rays(*_FIT_PX), turns, logs)]
     offsets = _offsets(samples, np.array(are_level))
     distance = np.empty((frame.height, frame.width), np.float32)
-    for rows in row_bands(frame.width, frame.height):
+    for rows in imageops.row_bands(frame.width, frame.height):
         rays = types.panorama_rays(frame.width, frame.height, rows)
         total, weight = np.zeros(rays.shape[:2], np.float32), np.zeros(rays.shape[:2], np.float32)
         for offset, (log, share) in zip(offsets, _samples(rays, turns, logs), strict=True):

@@ -12,10 +12,8 @@ from typing import Self
 
 import numpy as np
 
-from depthcli.core import parallel, types
+from depthcli.core import options, parallel, temporal, types
 from depthcli.core.camera import UNKNOWN_CAMERA, CameraSource, Intrinsics
-from depthcli.core.options import AS_STATED, MAX_PIXELS, MILLIMETRES, DepthEncoding, ReadOptions
-from depthcli.core.temporal import RangeLock, ema_decay
 from depthcli.errors import DepthcliError, InputError, Message, UsageError
 from depthcli.io import listing as folders
 from depthcli.io.depth.read import read_metadata, read_stored_depth
@@ -54,7 +52,7 @@ class ConvertRequest:
     #: what the user states about the source
     stated: DepthReadOptions = field(default_factory=DepthReadOptions)
     camera: Intrinsics = UNKNOWN_CAMERA  #: in place of that of the source; depth is not changed
-    reading: ReadOptions = AS_STATED  #: how the image is read
+    reading: options.ReadOptions = options.AS_STATED  #: how the image is read
     image: str | None = None  #: for the colours of a point cloud, or beside a preview
     writing: table.WriterOptions = field(
         default_factory=table.WriterOptions
@@ -123,7 +121,7 @@ def _write_converted(
         warnings = table.writer_of(format_, writing).write(depth, temporary, frame)
         round_trip = None
         if format_.facts.is_readable:
-            kind = DepthReadOptions(kind=DepthEncoding(depth.kind))
+            kind = DepthReadOptions(kind=options.DepthEncoding(depth.kind))
             round_trip = RoundTrip.of(depth, read_stored_depth(temporary, kind).depth)
     of_image = colours.warnings if colours else ()
     warnings = (*stored.warnings_with_scale("from_scale"), *of_image, *warnings)
@@ -151,13 +149,13 @@ def _sidecar_options(request: ConvertRequest, stored: StoredDepth) -> table.Writ
             low, high = 1 / high, 1 / low
         writing = replace(writing, vmin=low, vmax=high)
         return replace(writing, png_normalize=not is_inverse, png_inverse=is_inverse)
-    if stored.is_integer and stored.scale and writing.units_per_metre == MILLIMETRES:
+    if stored.is_integer and stored.scale and writing.units_per_metre == options.MILLIMETRES:
         return replace(writing, png_scale=stored.scale.units_per_metre)
     return writing
 
 
 def _colours(request: ConvertRequest, image: str, depth: types.DepthMap) -> types.Frame:
-    limit, size = max(MAX_PIXELS, depth.values.size), f"{depth.width}×{depth.height}"
+    limit, size = max(options.MAX_PIXELS, depth.values.size), f"{depth.width}×{depth.height}"
     frame = read_image(image, max_pixels=limit, **request.reading._asdict())
     frame = types.displayed_frame(frame)
     if (image_size := f"{frame.width}×{frame.height}") != size:
@@ -334,7 +332,8 @@ def convert_to_video(
         timing = Timing(rate or FALLBACK_RATE, source_rate=rate, step=None)
         Guard.of(inputs, overwrite=request.overwrite).check(path)
         output = stack.enter_context(video_file(format_, path, timing, request.writing))
-        shape, lock, decay = None, RangeLock(), ema_decay(float(1 / timing.rate), LOCK_S)
+        decay = temporal.ema_decay(float(1 / timing.rate), LOCK_S)
+        shape, lock = None, temporal.RangeLock()
         for stored in frames:
             depth = types.with_camera(stored.displayed, request.camera)
             if shape not in {None, depth.values.shape}:  # which FFmpeg would resize

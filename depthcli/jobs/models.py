@@ -17,8 +17,7 @@ from depthcli.inference.pipeline import try_other_size, try_session
 from depthcli.inference.session import Session, ort
 from depthcli.io.guard import Guard
 from depthcli.io.storage import atomic, paths
-from depthcli.models import card as cards
-from depthcli.models import catalog
+from depthcli.models import card as cards, catalog
 from depthcli.models.card import METADATA_KEY, Colour, DataFile, ModelCard, WeightsSpec
 
 _NAME = re.compile(r"(?!.*\.onnx$)[A-Za-z0-9][A-Za-z0-9._-]{0,99}")

@@ -12,9 +12,7 @@ from typing import NamedTuple, Self
 import cv2
 import numpy as np
 
-from depthcli.core import types
-from depthcli.core.camera import DEPTH_M, DEPTH_M_RANGE, Anchor
-from depthcli.core.options import DepthFit
+from depthcli.core import camera, options, types
 from depthcli.errors import InputError, Message, UsageError
 from depthcli.io.images.pixels import turn_beside, upright_places
 from depthcli.known.local_correction import log_correction
@@ -33,12 +31,14 @@ class KnownDepth:
     depth_m: types.Float64Array  #: (N,), metres along the camera axis
     size_px: tuple[int, int] | None = None  #: (columns, rows) of their map; None for a list
     warnings: tuple[str, ...] = ()  #: about their file, or why it has none, one line each
-    fit: DepthFit | None = None  #: how depth is fitted; None for the best that the model can
+    fit: options.DepthFit | None = (
+        None  #: how depth is fitted; None for the best that the model can
+    )
     may_be_outside: bool = False  #: whether most can be outside the image, as those of a lidar
     may_be_stored: bool = False  #: whether their map may be as the sensor gives it, not upright
 
     @classmethod
-    def of(cls, points: Sequence[Anchor]) -> Self:
+    def of(cls, points: Sequence[camera.Anchor]) -> Self:
         """Points from a list."""
         return cls.of_table(np.array(points, np.float64).reshape(-1, _COLUMNS))
 
@@ -50,7 +50,7 @@ class KnownDepth:
         warning, unless none is left.
         """
         table = table.astype(np.float64)
-        lowest, highest = DEPTH_M_RANGE
+        lowest, highest = camera.DEPTH_M_RANGE
         is_known = np.isfinite(table).all(axis=1)
         is_known &= (table[:, 2] >= lowest) & (table[:, 2] <= highest)
         some, lost = table[is_known], np.count_nonzero(~is_known)
@@ -62,19 +62,21 @@ class KnownDepth:
     @classmethod
     def of_map(cls, depth_m: types.FloatArray) -> Self:
         """The pixels of a sparse map, (H, W) metres, that have a depth from 1 mm to 1000 km."""
-        y, x = np.nonzero((depth_m >= DEPTH_M_RANGE[0]) & (depth_m <= DEPTH_M_RANGE[1]))
+        y, x = np.nonzero(
+            (depth_m >= camera.DEPTH_M_RANGE[0]) & (depth_m <= camera.DEPTH_M_RANGE[1])
+        )
         height, width = depth_m.shape
         return cls(x, y, depth_m[y, x].astype(np.float64), (width, height))
 
     def __len__(self) -> int:
         return len(self.depth_m)
 
-    def listed(self) -> tuple[Anchor, ...]:
+    def listed(self) -> tuple[camera.Anchor, ...]:
         """The points of a list; none if they are from a map."""
         if self.size_px is not None:
             return ()
         points = zip(self.x.tolist(), self.y.tolist(), self.depth_m.tolist(), strict=True)
-        return tuple(Anchor(*point) for point in points)
+        return tuple(camera.Anchor(*point) for point in points)
 
     def doubted(self, advice: str = "give metres") -> Self:
         """The points, with a warning if their numbers are hardly metres."""
@@ -96,7 +98,9 @@ class KnownDepth:
         scaled to the image.
         """
         if not len(self):
-            raise UsageError(f"there are no known points to fit the map to; give {DEPTH_M.what}")
+            raise UsageError(
+                f"there are no known points to fit the map to; give {camera.DEPTH_M.what}"
+            )
         points = self._scaled(width, height)
         inside = (points.x >= 0) & (points.x < width) & (points.y >= 0) & (points.y < height)
         outside = int(np.count_nonzero(~inside))
@@ -163,9 +167,9 @@ _NEAR = 0.01  # of the longer side
 # Of held-out pairs, by docs/error_with_points.py: factor, power of the error without points, and of
 # the distance to the nearest; of a fit that follows none of them, of 1 + 1 / points.
 _ERROR_LAWS = {
-    DepthFit.GLOBAL: (1.15, 1.287, 0.933),
-    DepthFit.LOCAL: (7.9, 1.594, 0.757),
-    DepthFit.NETWORK: (5.04, 1.425, 0.782),
+    options.DepthFit.GLOBAL: (1.15, 1.287, 0.933),
+    options.DepthFit.LOCAL: (7.9, 1.594, 0.757),
+    options.DepthFit.NETWORK: (5.04, 1.425, 0.782),
 }
 
 
@@ -267,7 +271,7 @@ _GRID_COLUMNS, _ROWS, _SPREAD_CELLS = 6, 4, 12
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what overflows is no depth
 def fit_known_depth(
     depth: types.DepthMap,
-    points: Sequence[Anchor] | KnownDepth,
+    points: Sequence[camera.Anchor] | KnownDepth,
     windows: types.Windows | None = None,
     *,
     followed: types.BoolArray | None = None,
@@ -305,7 +309,7 @@ def fit_known_depth(
             raise UsageError(f"the map has no depth at {x},{y}; choose another pixel")
     points = inside.where(has_value)
     if followed is not None:
-        result, used, how = depth, followed[has_value], DepthFit.NETWORK
+        result, used, how = depth, followed[has_value], options.DepthFit.NETWORK
     else:
         result, used, how = _followed(depth, points, values[has_value], windows)
     fitted_m = types.displayed_depth(result, windows).values[points.y, points.x]
@@ -329,11 +333,11 @@ def fit_known_depth(
 
 
 def _error_with(
-    error: types.Float32Array, x: types.Int64Array, y: types.Int64Array, how: DepthFit
+    error: types.Float32Array, x: types.Int64Array, y: types.Int64Array, how: options.DepthFit
 ) -> types.Float32Array:
     """The relative error that is expected once depth follows points: (H, W) float32."""
     factor, power, slope = _ERROR_LAWS[how]
-    if how is DepthFit.GLOBAL:
+    if how is options.DepthFit.GLOBAL:
         return np.asarray(factor * (1 + 1 / len(x)) ** slope * error**power, np.float32)
     is_away = np.ones(error.shape, np.uint8)
     is_away[y, x] = 0
@@ -346,7 +350,7 @@ def _followed(
     points: KnownDepth,
     values: types.Float64Array,
     windows: types.Windows | None,
-) -> tuple[types.DepthMap, types.BoolArray, DepthFit]:
+) -> tuple[types.DepthMap, types.BoolArray, options.DepthFit]:
     """Fitted depth, which points it follows, and how; ``values`` are its own at the points."""
     displayed, inverse = (
         types.displayed_depth(depth, windows),
@@ -365,12 +369,12 @@ def _followed(
     if inverse:
         fitted = np.float32(1) / fitted
     fitted = np.where(depth.valid & types.has_depth(fitted), fitted, np.float32(np.nan))
-    how = DepthFit.GLOBAL
-    if len(used) >= ROBUST_FROM and points.fit is not DepthFit.GLOBAL:
+    how = options.DepthFit.GLOBAL
+    if len(used) >= ROBUST_FROM and points.fit is not options.DepthFit.GLOBAL:
         log_m, (x, y) = np.log(fitted), pixels_of(points, windows)
         at = np.stack([(y + 0.5) / depth.height, (x + 0.5) / depth.width, log_m[y, x]])
         fitted = fitted * np.exp(log_correction(log_m, at, points.depth_m, used))
-        how = DepthFit.LOCAL
+        how = options.DepthFit.LOCAL
     return types.DepthMap(fitted, types.DepthKind.METRIC), used, how
 
 

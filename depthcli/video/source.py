@@ -22,8 +22,7 @@ from depthcli.io.exr.image import read_exr_image
 from depthcli.io.images.heif import boxes
 from depthcli.io.images.read import read_image
 from depthcli.io.media import COMMENT_PREFIX, LABEL_PREFIX, is_exr
-from depthcli.video import decoder, numbering
-from depthcli.video import frames as clock
+from depthcli.video import decoder, frames as clock, numbering
 from depthcli.video.container import InputPipe, LiveStream, open_video, pipe_advice, video_streams
 
 # Streams without a container, whose average rate FFmpeg sets to 25 whatever they state.

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import cv2
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from depthcli.core import parallel as cores
 from depthcli.core.parallel import Interrupt, one_thread_each, ordered_map

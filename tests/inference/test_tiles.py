@@ -8,8 +8,7 @@ import numpy.typing as npt
 import OpenEXR
 import pytest
 from helpers.tiny import load, point_cloud, write_model
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from PIL import Image
 
 from depthcli.core.camera import Intrinsics

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers import made
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 from helpers.file_trees import contents
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.manifest import (

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 from helpers.tiny import write_image
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.table import FORMATS, Format

@@ -13,8 +13,7 @@ from helpers.command_line import Cli
 from helpers.plates import CROP, DISPLAY, time_code_of, write_plate
 from helpers.requests import predict_request, video_request
 from helpers.videos import NTSC, encode, flat_frames, with_sound
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.exr.file import read_exr_channels

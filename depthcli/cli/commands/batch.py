@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from depthcli.cli import options as groups
+from depthcli.cli import options as groups, parse
 from depthcli.cli.groups import Given, group
 from depthcli.cli.screen import console
 from depthcli.core.options import GPU_BATCH, SceneLayout, one_line
@@ -19,6 +19,7 @@ from depthcli.core.parallel import share_cores
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing import NameFilter, parse_list, read_list
+from depthcli.io.manifest import FAILED, WHOLE, Shard, damage, merge_manifests, read_rows, summarize
 from depthcli.io.storage.paths import RemotePath, path_of
 
 if TYPE_CHECKING:
@@ -162,8 +163,6 @@ def batch(
 
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
-    from depthcli.cli import parse
-
     how = parse.map_options(camera, anchors, read, detail, writing, is_folder=True)
     chosen = _scene_formats(output, how) or output.formats or (Format.PNG16,)
     formats = (*chosen, *([Format.JSON] if output.sidecar else ()))
@@ -272,7 +271,6 @@ def _cluster(options: EngineOptions, progress: Progress) -> RayEngine:
 
 def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | None) -> BatchPlan:
     from depthcli.io.archives import holds_images
-    from depthcli.io.manifest import WHOLE, Shard
     from depthcli.jobs.batch.plan import plan_files, plan_folder
 
     files, column = inputs.files, inputs.column
@@ -297,8 +295,6 @@ _Manifest = Annotated[
 
 def show_summary(out: _Manifest, as_json: groups.JsonOption = False) -> int:
     """Count inputs, failures and outputs, of all shards together."""
-    from depthcli.io.manifest import damage, read_rows, summarize
-
     sums = summarize(read_rows(path_of(out)))
     if problem := damage(path_of(out)):
         console.warn(problem)
@@ -314,8 +310,6 @@ def show_summary(out: _Manifest, as_json: groups.JsonOption = False) -> int:
 
 def list_failed(out: _Manifest, as_json: groups.JsonOption = False) -> int:
     """List the inputs that failed, each with the reason."""
-    from depthcli.io.manifest import FAILED, read_rows
-
     for row in read_rows(path_of(out)):
         if row.status == FAILED and as_json:
             console.out_json(row.as_json())
@@ -329,8 +323,6 @@ def merge_parts(
     as_json: groups.JsonOption = False,
 ) -> int:
     """Merge the manifests of all shards into one, and remove them."""
-    from depthcli.io.manifest import merge_manifests
-
     path = str(merge_manifests(path_of(out)))
     console.show({"manifest": path}, f"manifest: {path}", as_json=as_json)
     return ExitCode.OK

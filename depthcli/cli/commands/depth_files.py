@@ -7,38 +7,38 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from depthcli.cli import options as groups
-from depthcli.cli.groups import Given, group
+from depthcli.cli import groups, options, parse
 from depthcli.cli.screen import console
 from depthcli.core.options import DepthEncoding, one_line
 from depthcli.errors import ExitCode, Message, UsageError
 from depthcli.io.formats.table import FORMATS, Format, SurfaceOptions, WriterOptions, stem_of
+from depthcli.io.storage.paths import path_of, safe_name
 from depthcli.video.formats import VIDEOS, VideoFormat, video_format_of
 
 if TYPE_CHECKING:
     from depthcli.jobs.inspect import AreaDepth, PixelDepth
 
 
-@group
+@groups.group
 class InputOptions:
     """Input."""
 
-    image: str | None = groups.option(
+    image: str | None = options.option(
         "Image of the same size, for colours, and for the camera if IN states none.", metavar="IMG"
     )
-    include: list[str] | None = groups.option(
+    include: list[str] | None = options.option(
         "In a folder, convert only matching files ('*.exr', 'left/**'); repeatable.", metavar="GLOB"
     )
-    exclude: list[str] | None = groups.option(
+    exclude: list[str] | None = options.option(
         "In a folder, skip matching files and folders; repeatable.", metavar="GLOB"
     )
-    fps: str | None = groups.option(
+    fps: str | None = options.option(
         "Frames per second of numbered files. Default: as the files state, else 25.", metavar="RATE"
     )
 
 
 _OF_CAMERA = (DepthEncoding.DISTANCE, DepthEncoding.DISPARITY)
-_CAMERA = tuple(field.name for field in fields(groups.CameraOptions))
+_CAMERA = tuple(field.name for field in fields(options.CameraOptions))
 
 
 FORMAT_OPTIONS = {
@@ -77,24 +77,22 @@ def convert(
         help="Output format; required for a folder, or if the suffix does not determine it.",
     ),
     *,
-    overwrite: groups.OverwriteOption = False,
-    depth_file: groups.DepthFileOptions,
+    overwrite: options.OverwriteOption = False,
+    depth_file: options.DepthFileOptions,
     inputs: InputOptions,
-    workers: groups.WorkersOption = None,
-    camera: groups.StatedCameraOptions,
-    read: groups.ReadOptions,
+    workers: options.WorkersOption = None,
+    camera: options.StatedCameraOptions,
+    read: options.ReadOptions,
     writing: WriterOptions,
-    screen: groups.ScreenOptions,
-    explicit: Given,
+    screen: options.ScreenOptions,
+    explicit: groups.Given,
 ) -> int:
     """Convert a depth file, depth video, sequence or folder, and report the round-trip error.
 
     Exit codes: 0 success, 1 some inputs failed, 2 usage error.
     """
-    from depthcli.cli import parse
     from depthcli.cli.screen.results import print_conversion, print_conversions
     from depthcli.core.parallel import share_cores
-    from depthcli.io.storage.paths import path_of, safe_name
     from depthcli.jobs import convert as job
     from depthcli.video.numbering import is_pattern, is_sequence
 
@@ -158,14 +156,13 @@ _SCALE_SOURCES = {
 
 
 def info(
-    file: groups.FileArgument,
+    file: options.FileArgument,
     *,
-    depth_file: groups.DepthFileOptions,
-    camera: groups.StatedCameraOptions,
-    as_json: groups.JsonOption = False,
+    depth_file: options.DepthFileOptions,
+    camera: options.StatedCameraOptions,
+    as_json: options.JsonOption = False,
 ) -> int:
     """Show unit, scale, size, range and model of a depth file."""
-    from depthcli.cli import parse
     from depthcli.jobs.inspect import inspect_file
 
     facts = inspect_file(file, parse.depth_reading(depth_file, parse.camera(camera)))
@@ -193,7 +190,7 @@ def _show(facts: dict[str, Any]) -> None:
 
 
 def probe(
-    file: groups.FileArgument,
+    file: options.FileArgument,
     places: list[str] = typer.Argument(
         ...,
         metavar="PLACE...",
@@ -201,19 +198,17 @@ def probe(
         "excluded); or mask: an image of the same size, whose pixels above 0 count.",
     ),
     *,
-    depth_file: groups.DepthFileOptions,
-    camera: groups.StatedCameraOptions,
-    as_json: groups.JsonOption = False,
+    depth_file: options.DepthFileOptions,
+    camera: options.StatedCameraOptions,
+    as_json: options.JsonOption = False,
 ) -> int:
     """Show depth at pixels of a depth file, or its spread in boxes and masks.
 
     Where the camera is known, also the point in metres (x right, y down, z ahead), the normal, and
     the width and height of a box at its median depth.
     """
-    from depthcli.cli import parse
     from depthcli.core.types import with_camera
     from depthcli.io.formats.geometry import camera_of
-    from depthcli.io.storage.paths import path_of
     from depthcli.jobs.inspect import AreaDepth, depth_at, depth_in, read_map, read_mask
 
     areas = [parse.area(word) for word in places]
@@ -270,7 +265,7 @@ def _text(value: PixelDepth | AreaDepth, unit: str | None) -> str:
 
 
 def view(
-    file: groups.FileArgument,
+    file: options.FileArgument,
     image: str | None = typer.Argument(
         None, metavar="[IMAGE]", help="Image of FILE, for colours (else a preview's) and camera."
     ),
@@ -279,12 +274,12 @@ def view(
         None, "-o", "--out", metavar="OUT", help="Output .html file. Default: next to FILE."
     ),
     is_opened: bool = typer.Option(False, "--open", help="Open the page in the browser."),
-    overwrite: groups.OverwriteOption = False,
-    depth_file: groups.DepthFileOptions,
+    overwrite: options.OverwriteOption = False,
+    depth_file: options.DepthFileOptions,
     surface: SurfaceOptions,
-    camera: groups.StatedCameraOptions,
-    read: groups.ReadOptions,
-    screen: groups.ScreenOptions,
+    camera: options.StatedCameraOptions,
+    read: options.ReadOptions,
+    screen: options.ScreenOptions,
 ) -> int:
     """Show a depth file in three dimensions.
 
@@ -293,9 +288,7 @@ def view(
 
     Exit codes: 0 success, 1 the file cannot be shown, 2 usage error.
     """
-    from depthcli.cli import parse
     from depthcli.cli.screen.results import print_conversion
-    from depthcli.io.storage.paths import path_of
     from depthcli.jobs import convert as job
 
     place = path_of(file)

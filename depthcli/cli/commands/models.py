@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from depthcli.cli import options
+from depthcli.cli import options, parse
 from depthcli.cli.screen import console
 from depthcli.core.camera import hfov_deg
 from depthcli.core.options import one_line
 from depthcli.errors import DepthcliError, ExitCode
+from depthcli.io.storage.paths import RemotePath, path_of
 
 if TYPE_CHECKING:
     from depthcli.models.card import ModelCard, WeightsSpec
@@ -52,7 +53,6 @@ def add_model_file(
     Copies the file to the first folder in DEPTHCLI_MODELS, else to depthcli/models in the user's
     data folder, after running the model once.
     """
-    from depthcli.io.storage.paths import RemotePath, path_of
     from depthcli.jobs.models import add_model, published_model
     from depthcli.models.card import check_command, preprocessing_check, verification_text
 
@@ -117,9 +117,7 @@ def write_new_card(
     Size, channels, layout, outputs and opset are those of the file. What it does not state is
     guessed, and each guess is printed.
     """
-    from depthcli.cli import parse
     from depthcli.core.types import DepthKind
-    from depthcli.io.storage.paths import path_of
     from depthcli.jobs.models import Answers, new_card
     from depthcli.models.card import Colour
 

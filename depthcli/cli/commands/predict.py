@@ -5,7 +5,7 @@ from pathlib import Path
 
 import typer
 
-from depthcli.cli import groups, options
+from depthcli.cli import groups, options, parse
 from depthcli.cli.screen import console
 from depthcli.core.options import Eye, one_line
 from depthcli.errors import ExitCode, UsageError
@@ -57,7 +57,6 @@ def predict(
 
     Exit codes: 0 success, 1 some inputs failed, 2 usage error, 3 model error.
     """
-    from depthcli.cli import parse
     from depthcli.io.storage.paths import safe_name
     from depthcli.jobs import predict as job
     from depthcli.jobs.outputs import STDIO
@@ -125,11 +124,9 @@ def calibrate(
     'predict', 'batch', 'video' and 'serve' use it with --camera NAME. For several images,
     --anchors is a folder with known depth for each.
     """
-    from depthcli.cli import parse
     from depthcli.inference.pipeline import Pipeline
     from depthcli.io.calibration import keep_camera
-    from depthcli.jobs.calibrate import CalibrationRequest, KnownObject
-    from depthcli.jobs.calibrate import calibrate as measure
+    from depthcli.jobs.calibrate import CalibrationRequest, KnownObject, calibrate as measure
 
     seen_by, count = parse.camera(camera), len(images or ())
     anchors = parse.known_depth(truth, seen_by, is_folder=count > 1)

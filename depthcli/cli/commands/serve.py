@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from depthcli.cli import groups, options
+from depthcli.cli import groups, options, parse
 from depthcli.cli.screen import console
 from depthcli.core.options import MAX_PIXELS, Eye
 from depthcli.errors import ExitCode, UsageError, os_errors_as
@@ -87,7 +87,6 @@ def serve(
     GET /health, /metrics (Prometheus) and / (a page to drop an image on). No option of a request
     names a file, and no path is opened.
     """
-    from depthcli.cli import parse
     from depthcli.core.parallel import share_cores
     from depthcli.jobs.serve import LOOPBACK, DepthServer, Limits
 
@@ -119,7 +118,6 @@ def mcp(*, model: options.ModelOptions) -> int:
     Tools: estimate_depth of an image file, distance at a pixel or in a box of a depth file, view in
     three dimensions. Add 'depthcli mcp' to the configuration of your agent.
     """
-    from depthcli.cli import parse
     from depthcli.jobs.agent import make_server
 
     make_server(parse.session_loader(model.model, model.runtime)).run("stdio")
@@ -137,7 +135,6 @@ def _options(
     eye: Eye | None = typer.Option(None, help="View of a JPEG with one for each eye."),
 ) -> Any:  # noqa: ANN401 - Asked
     """Options of a request."""
-    from depthcli.cli import parse
     from depthcli.jobs.serve import Asked
 
     return Asked(

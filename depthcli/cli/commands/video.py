@@ -8,17 +8,16 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from depthcli.cli import options as groups
-from depthcli.cli.groups import Given, group
+from depthcli.cli import groups, options, parse
 from depthcli.core.options import Eye, short_repr
 from depthcli.errors import ExitCode, InputError, OutputError, UsageError
 from depthcli.io.formats.table import WriterOptions
+from depthcli.video.container import RawVideo, live_stream
 from depthcli.video.formats import PreviewCodec, VideoFormat
+from depthcli.video.frames import Point, Span
 
 if TYPE_CHECKING:
     from depthcli.jobs.video.plan import VideoResult
-    from depthcli.video.container import RawVideo
-    from depthcli.video.frames import Point, Span
 
 
 _MINUTE = 60
@@ -30,11 +29,11 @@ FORMAT_OPTIONS = {str(which): which.facts.options for which in VideoFormat}
 _IN_STEPS = {VideoFormat.MKV, VideoFormat.PNG16}
 
 
-@group
+@groups.group
 class OutputOptions:
     """Output."""
 
-    out: str | None = groups.usual(
+    out: str | None = options.usual(
         "Output .mkv, .mp4, .webm or .mov file, numbered files (d.%04d.exr), folder "
         "(existing, ending in '/', or without suffix), or '-' for stdout. Default: next to the "
         "video.",
@@ -42,77 +41,77 @@ class OutputOptions:
         "--out",
         metavar="OUT",
     )
-    formats: list[VideoFormat] | None = groups.usual(
+    formats: list[VideoFormat] | None = options.usual(
         "Output format; repeatable: mkv (lossless 16-bit depth), mp4, webm, mov "
         "(previews), stereo (mp4), png16, exr, npy, normals (one file per frame), json. Default: "
         "from the suffix of OUT, else mkv and mp4, or mkv alone to stdout.",
         "--format",
     )
-    sidecar: groups.SidecarOption = False
-    overwrite: groups.OverwriteOption = False
-    segment: str | None = groups.option(
+    sidecar: options.SidecarOption = False
+    overwrite: options.OverwriteOption = False
+    segment: str | None = options.option(
         "Length of each video file (30s, 10m, 1h): out.0000.mkv, out.0001.mkv and so on.",
         metavar="TIME",
     )
-    start_number: int | None = groups.option(
+    start_number: int | None = options.option(
         "Number of the first numbered file. Default: that of its frame in the input.",
         min=0,
         max=1_000_000_000,
     )
 
 
-@group
+@groups.group
 class FrameOptions:
     """Choosing frames."""
 
-    start: str | None = groups.option(
+    start: str | None = options.option(
         "First frame: seconds (12.5, 1:02.5) or a frame number (300f).", metavar="TIME"
     )
-    end: str | None = groups.option(
+    end: str | None = options.option(
         "End frame (exclusive), in the same notation as --start.", metavar="TIME"
     )
-    every: str | None = groups.option(
+    every: str | None = options.option(
         "Process every STEP-th frame (2), or one frame per interval (0.5s).", metavar="STEP"
     )
-    fps: str | None = groups.option(
+    fps: str | None = options.option(
         "Frames per second of an image sequence: 24, 23.976 or 24000/1001. Default: as "
         "its EXR headers state, else 25.",
         metavar="RATE",
     )
-    live: bool = groups.option(
+    live: bool = options.option(
         "Read FILE (http(s):// or '-') as an endless stream, always its newest frame, until "
         "Ctrl-C. Default: for cameras, rtsp:// and .m3u8.",
         default=False,
     )
-    raw: str | None = groups.option(
+    raw: str | None = options.option(
         "Size, pixel format and rate of frames without a container on stdin, as ffmpeg -f "
         "rawvideo pipes them: 640x480:bgr24@30.",
         metavar="SIZE:FORMAT@RATE",
     )
-    stream: int | None = groups.option(
+    stream: int | None = options.option(
         "Number of the video stream, from 0. Default: the one with most frames.", min=0
     )
-    eye: Eye | None = groups.option(
+    eye: Eye | None = options.option(
         "View to use from a stereo video whose frames hold two, side by side or one above the "
         "other. Default: whole frames."
     )
 
 
-@group
+@groups.group
 class PreviewVideoOptions:
     """Preview."""
 
-    lock: float = groups.option(
+    lock: float = options.option(
         "Time constant in seconds for stabilizing the preview's range. 0: each frame has its own.",
         default=1.0,
-        callback=groups.not_negative,
+        callback=options.not_negative,
     )
-    codec: PreviewCodec | None = groups.option(
+    codec: PreviewCodec | None = options.option(
         "Codec of the preview: h264 (mp4, mov), vp9 or av1 (webm, mp4), prores (mov). "
         "Default: h264 in mp4, vp9 in webm, prores in mov."
     )
-    audio: bool = groups.option("Include the audio of the video in previews.", default=True)
-    show: int | None = groups.option(
+    audio: bool = options.option("Include the audio of the video in previews.", default=True)
+    show: int | None = options.option(
         "Show the newest preview at http://127.0.0.1:PORT/ during the run.",
         metavar="PORT",
         min=1,
@@ -120,30 +119,30 @@ class PreviewVideoOptions:
     )
 
 
-@group
-class SmoothOptions(groups.MapOptions):
+@groups.group
+class SmoothOptions(options.MapOptions):
     """Detail."""
 
-    smooth: float = groups.option(
+    smooth: float = options.option(
         "Time constant of temporal smoothing in seconds (for example 0.2). 0 disables it.",
         default=0.0,
-        callback=groups.not_negative,
+        callback=options.not_negative,
     )
-    look_ahead: int | None = groups.option(
+    look_ahead: int | None = options.option(
         "Later frames that --smooth takes into account. Default: 8, for live streams 0.",
         min=0,
         max=100,
     )
 
 
-@group
-class FrameFitOptions(groups.FitOptions):
+@groups.group
+class FrameFitOptions(options.FitOptions):
     """Known depth."""
 
-    anchors_within: float | None = groups.option(
+    anchors_within: float | None = options.option(
         "Largest time in seconds between a frame and the known depth nearest to it (for example "
         "0.05 for a lidar of 10 Hz). Default: half a frame.",
-        callback=groups.not_negative,
+        callback=options.not_negative,
     )
 
 
@@ -157,16 +156,16 @@ def video(
     *,
     output: OutputOptions,
     frames: FrameOptions,
-    model: groups.ModelOptions,
-    workers: groups.WorkersOption = None,
-    camera: groups.CameraOptions,
+    model: options.ModelOptions,
+    workers: options.WorkersOption = None,
+    camera: options.CameraOptions,
     anchors: FrameFitOptions,
-    read: groups.ImageOptions,
+    read: options.ImageOptions,
     detail: SmoothOptions,
     writing: WriterOptions,
     preview: PreviewVideoOptions,
-    screen: groups.ScreenOptions,
-    explicit: Given,
+    screen: options.ScreenOptions,
+    explicit: groups.Given,
 ) -> int:
     """Estimate depth for every frame of a video.
 
@@ -174,7 +173,6 @@ def video(
 
     Exit codes: 0 success, 1 the video cannot be read to its end, 2 usage error, 3 model error.
     """
-    from depthcli.cli import parse
     from depthcli.cli.screen import console
     from depthcli.cli.shell import graceful_shutdown
     from depthcli.io.storage.paths import safe_name
@@ -182,7 +180,6 @@ def video(
     from depthcli.jobs.outputs import STDIO
     from depthcli.jobs.video import run as job
     from depthcli.jobs.video.plan import LOOK_AHEAD, VideoRequest, VideoSettings, video_destination
-    from depthcli.video.container import live_stream
 
     to_stdout = output.out == STDIO
     if screen.as_json and to_stdout:
@@ -252,8 +249,6 @@ def video(
 
 def parse_span(start: str | None, end: str | None, every: str | None) -> Span:
     """Parse the part of a video to process."""
-    from depthcli.video.frames import Span
-
     first = _point(start or "0", "start")
     last = None if end is None else _point(end, "end")
     step = _point(every or "1", "every", bare_is_frames=True)
@@ -274,9 +269,6 @@ def parse_segment(word: str) -> float:
 
 def parse_raw(word: str) -> RawVideo:
     """Parse ``640x480:bgr24@30``; UsageError if it is no such."""
-    from depthcli.cli import parse
-    from depthcli.video.container import RawVideo
-
     size, _, rest = word.partition(":")
     pixel_format, _, rate = rest.partition("@")
     return RawVideo(*parse.size(size, "raw"), pixel_format, parse.fps(rate, "raw"))
@@ -288,8 +280,6 @@ def _point(word: str, option: str, *, bare_is_frames: bool = False) -> Point:
     A number without a unit is in seconds, or in frames with ``bare_is_frames``.
     """
     from fractions import Fraction
-
-    from depthcli.video.frames import Point
 
     match = _POINT.fullmatch(word.strip())
     outer, number, letter = match.groups() if match else ("", "nan", "")

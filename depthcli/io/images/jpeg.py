@@ -8,8 +8,7 @@ from contextlib import suppress
 import numpy as np
 import simplejpeg
 
-from depthcli.core.options import Eye
-from depthcli.core.types import UInt8Array
+from depthcli.core import options, types
 from depthcli.errors import InputError, Message
 from depthcli.io.images import opencv, tiff
 
@@ -50,14 +49,14 @@ def _stereo_offsets(index: bytes) -> list[int]:
     return []
 
 
-def image_of_eye(data: bytes, eye: Eye) -> bytes:
+def image_of_eye(data: bytes, eye: options.Eye) -> bytes:
     """The image of an eye in a JPEG of a stereo camera (MPO), as a file."""
     index_at = data.find(_MULTI_PICTURE) + len(_MULTI_PICTURE)
     offsets = _stereo_offsets(data[index_at:])
-    at = index_at + offsets[1] if len(offsets) == len(Eye) else 0
+    at = index_at + offsets[1] if len(offsets) == len(options.Eye) else 0
     if not data.startswith(JPEG_START) or not data.startswith(JPEG_START, at) or not at:
         raise InputError("holds no image for each eye", "leave {eye} out, or separate them first")
-    return data[at:] if eye is Eye.RIGHT else data
+    return data[at:] if eye is options.Eye.RIGHT else data
 
 
 def exif_of_jpeg(data: bytes) -> bytes:
@@ -82,14 +81,14 @@ def decode_jpeg(data: bytes) -> opencv.Decoded:
     return opencv.Decoded(pixels[..., 0] if colours == "GRAY" else pixels, exif_of_jpeg(data))
 
 
-def _decode_strictly(data: bytes, colours: str) -> UInt8Array:
+def _decode_strictly(data: bytes, colours: str) -> types.UInt8Array:
     """Pixels of a JPEG about which libjpeg says nothing, or nothing but a harmless flaw.
 
     The flaw is mended and the file decoded again, because the first warning hides all others, and
     after an error the array is whatever memory held. ValueError with the message otherwise.
     """
     try:
-        pixels: UInt8Array = simplejpeg.decode_jpeg(data, colours)
+        pixels: types.UInt8Array = simplejpeg.decode_jpeg(data, colours)
     except ValueError as error:
         mended = _without_flaw(data, str(error))
         if mended == data:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from depthcli.cli import options
+from depthcli.cli import options, parse
 from depthcli.cli.screen import console
 from depthcli.core.options import Upsampling
 from depthcli.errors import ExitCode
@@ -40,7 +40,6 @@ def bench(
 
     End-to-end is from the encoded file to a 16-bit PNG on disk.
     """
-    from depthcli.cli import parse
     from depthcli.lab.jobs.bench import run_bench
 
     loader, size_px = parse.session_loader(model.model, model.runtime), parse.size(size)

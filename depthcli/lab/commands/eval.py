@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from depthcli.cli import options as groups
+from depthcli.cli import options as groups, parse
 from depthcli.cli.groups import group
 from depthcli.cli.screen import console
 from depthcli.core import options as choices
@@ -264,7 +264,6 @@ def runs(
 
     Runs whose folders differ only in -seedK are one row: mean and standard deviation.
     """
-    from depthcli.cli import parse
     from depthcli.core.parallel import usable_cores
 
     request = table.request(
@@ -313,7 +312,6 @@ def _request(
     trivial: bool = False,
     **fields: Any,  # noqa: ANN401 - fields of EvalRequest
 ) -> "EvalRequest":
-    from depthcli.cli import parse
     from depthcli.core.parallel import share_cores
     from depthcli.io.stored.depth import DepthReadOptions
     from depthcli.lab.datasets.prompts import parsed_prompt

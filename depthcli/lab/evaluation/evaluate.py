@@ -17,8 +17,7 @@ from depthcli.core.parallel import NO_PROGRESS, Progress, one_thread_each, order
 from depthcli.core.types import Float64Array
 from depthcli.errors import DatasetError, UsageError
 from depthcli.lab.datasets.base import DepthDataset
-from depthcli.lab.evaluation import predictors as sources
-from depthcli.lab.evaluation import report
+from depthcli.lab.evaluation import predictors as sources, report
 from depthcli.lab.evaluation.protocol import HEADLINE, EvalProtocol, compare_boundaries
 from depthcli.lab.evaluation.task import EvalTask, group_by_seed, train_mark, train_overlap
 from depthcli.lab.metrics.alignment import SUITABLE, align

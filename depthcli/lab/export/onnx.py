@@ -20,8 +20,7 @@ from depthcli.lab.metrics.depth import MIN_DEPTH_M
 from depthcli.lab.options import Weights
 from depthcli.lab.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.lab.training.provenance import TrainedRun, common_ids
-from depthcli.models import card as cards
-from depthcli.models import catalog
+from depthcli.models import card as cards, catalog
 from depthcli.models.card import ModelCard
 
 MODEL_NAME = "model.onnx"

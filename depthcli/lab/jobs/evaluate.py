@@ -17,8 +17,7 @@ from depthcli.lab.datasets.base import NYU
 from depthcli.lab.datasets.nyu import is_nyu, open_nyu
 from depthcli.lab.datasets.prompts import Prompt
 from depthcli.lab.datasets.training_data import open_pairs
-from depthcli.lab.evaluation import evaluate as table
-from depthcli.lab.evaluation import predictors as sources
+from depthcli.lab.evaluation import evaluate as table, predictors as sources
 from depthcli.lab.evaluation.figures import Figure, choose_images, draw_figures
 from depthcli.lab.evaluation.page import Page, html_page
 from depthcli.lab.evaluation.report import EvalReport

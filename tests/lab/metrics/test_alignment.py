@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from helpers import plain_boundary as plain
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from depthcli.core.types import DepthKind
 from depthcli.lab.metrics import depth as accumulate

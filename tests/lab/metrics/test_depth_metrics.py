@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from helpers import plain_evaluator as plain
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 
 from depthcli.errors import UsageError
