@@ -15,7 +15,8 @@ from depthcli.core.options import Colormap, DepthFit, Near, chosen, short_repr
 from depthcli.core.surface import PointCloud, surface_of
 from depthcli.errors import DepthcliWarning, UsageError
 from depthcli.io.formats import table
-from depthcli.io.formats.preview import HtmlWriter, PreviewWriter
+from depthcli.io.formats.preview import PreviewWriter
+from depthcli.io.formats.views import HtmlWriter
 from depthcli.io.guard import Guard
 from depthcli.io.images.png import encode_png
 from depthcli.io.storage import atomic, paths

@@ -23,13 +23,13 @@ from depthcli.errors import InputError, UsageError
 from depthcli.inference.loading import SessionLoader
 from depthcli.io.formats.table import FORMATS, Format, WriterOptions, format_of
 from depthcli.io.storage.paths import RemotePath, path_of, read_regular, safe_name, user_folder
-from depthcli.known.files import SELF, KnownDepthFiles
 from depthcli.video.formats import VideoFormat, video_format_of
 
 if TYPE_CHECKING:
     from fractions import Fraction
 
     from depthcli.io.stored.depth import DepthReadOptions
+    from depthcli.known.files import KnownDepthFiles
 
 ALTERNATIVES = (
     ("calibration", "cameras", "focal_px", "hfov", "focal_35mm"),
@@ -145,6 +145,7 @@ def known_depth(
     refuse_alternatives({"anchor": options.anchor, "anchors": path})
     if path is None:
         return _listed_points(options)
+    from depthcli.known.files import SELF, KnownDepthFiles
 
     files = KnownDepthFiles(
         path,

@@ -19,8 +19,9 @@ from av.video.stream import VideoStream
 from depthcli._version import __version__
 from depthcli.core import types
 from depthcli.errors import OutputError, about
-from depthcli.io.formats.preview import PreviewWriter, StereoWriter
+from depthcli.io.formats.preview import PreviewWriter
 from depthcli.io.formats.table import Format, WriterOptions, writer_of
+from depthcli.io.formats.views import StereoWriter
 from depthcli.io.guard import Guard
 from depthcli.io.media import COMMENT_PREFIX, LABEL_PREFIX
 from depthcli.io.storage.atomic import atomic_path

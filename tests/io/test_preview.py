@@ -22,14 +22,8 @@ from depthcli.core.options import Colormap, Near, StereoLayout
 from depthcli.core.surface import surface_of
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.formats.preview import (
-    HtmlWriter,
-    PreviewWriter,
-    StereoWriter,
-    colour_table,
-    nearness,
-    tick_value,
-)
+from depthcli.io.formats.preview import PreviewWriter, colour_table, nearness, tick_value
+from depthcli.io.formats.views import HtmlWriter, StereoWriter
 from depthcli.io.guard import is_own
 
 RAMP_M = np.linspace(1, 9, 60 * 80, dtype=np.float32).reshape(60, 80)

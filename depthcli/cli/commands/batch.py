@@ -15,18 +15,17 @@ from depthcli.cli import options as groups, parse
 from depthcli.cli.groups import Given, group
 from depthcli.cli.screen import console
 from depthcli.core.options import GPU_BATCH, SceneLayout, one_line
-from depthcli.core.parallel import share_cores
+from depthcli.core.parallel import Progress, share_cores
 from depthcli.errors import ExitCode, UsageError
 from depthcli.io.formats.table import Format, WriterOptions
 from depthcli.io.listing import NameFilter, parse_list, read_list
 from depthcli.io.manifest import FAILED, WHOLE, Shard, damage, merge_manifests, read_rows, summarize
 from depthcli.io.storage.paths import RemotePath, path_of
+from depthcli.jobs.batch.plan import BatchPlan, changes_of, plan_files, plan_folder, scene_format
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from depthcli.core.parallel import Progress
-    from depthcli.jobs.batch.plan import BatchPlan
     from depthcli.jobs.batch.ray import RayEngine
 
 
@@ -233,7 +232,6 @@ def _scene_formats(output: OutputOptions, how: dict[str, Any]) -> tuple[Format, 
         return ()
     if output.formats or not how["anchors"]:
         raise UsageError("", "{layout} is for {anchors}, and without {format}, which it chooses")
-    from depthcli.jobs.batch.plan import scene_format
 
     format_, how["writing"] = scene_format(output.layout, how["writing"])
     return (format_,)
@@ -250,7 +248,6 @@ def _changes(
     place = path_of(folder)
     if isinstance(place, RemotePath) or not place.is_dir():
         raise UsageError(f"{folder} is not a local folder", option="watch")
-    from depthcli.jobs.batch.plan import changes_of
 
     names_filter = NameFilter.of(inputs.include or (), inputs.exclude or ())
     return changes_of(folder, out, names_filter)
@@ -271,7 +268,6 @@ def _cluster(options: EngineOptions, progress: Progress) -> RayEngine:
 
 def _plan(folder: str | None, out: str, inputs: InputOptions, cameras: str | None) -> BatchPlan:
     from depthcli.io.archives import holds_images
-    from depthcli.jobs.batch.plan import plan_files, plan_folder
 
     files, column = inputs.files, inputs.column
     shard = WHOLE if inputs.shard is None else Shard.parse(inputs.shard)

@@ -17,16 +17,9 @@ from typing import Any, BinaryIO, NamedTuple, Protocol, TypeAlias
 import cv2
 import numpy as np
 
+from depthcli.core import options
 from depthcli.core.camera import Intrinsics
 from depthcli.core.imageops import PANORAMA, transfer_warning
-from depthcli.core.options import (
-    EXPOSURE,
-    MAX_PIXELS,
-    Eye,
-    Projection,
-    ReadOptions,
-    check_pixel_count,
-)
 from depthcli.core.types import AnyArray, Frame
 from depthcli.errors import InputError, Message, UsageError, is_out_of_memory
 from depthcli.io.exr.image import clip_warning, encode, read_exr_image
@@ -103,7 +96,7 @@ class CheckedImage(NamedTuple):
         return decoded
 
 
-def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
+def check(data: bytes, name: str, max_pixels: int = options.MAX_PIXELS) -> CheckedImage:
     """Check an image, whose file is ``data``, by its header, without decoding it."""
     if not data:
         raise InputError(f"{name} is empty")
@@ -123,7 +116,7 @@ def check(data: bytes, name: str, max_pixels: int = MAX_PIXELS) -> CheckedImage:
         header = container.call("{}_header", data)
     if min(header.width, header.height) <= 0:
         raise InputError(f"{name} claims {header.width}×{header.height} pixels", "it is empty")
-    check_pixel_count(name, header.width, header.height, max_pixels)
+    options.check_pixel_count(name, header.width, header.height, max_pixels)
     return CheckedImage(data, name, header, container)
 
 
@@ -147,15 +140,15 @@ def read_image(
     path: str | Path | None,
     data: bytes | None = None,
     *,
-    max_pixels: int = MAX_PIXELS,
+    max_pixels: int = options.MAX_PIXELS,
     name: str = "standard input",
     white_level: int | None = None,
     exposure: float = 0.0,
     layer: str | None = None,
-    projection: Projection | None = None,
+    projection: options.Projection | None = None,
     ignore_alpha: bool = False,
     black_level: int = 0,
-    eye: Eye | None = None,
+    eye: options.Eye | None = None,
 ) -> Frame:
     """Decode an image at its own bit depth and undo its EXIF rotation.
 
@@ -189,8 +182,8 @@ def read_image(
             exposure is not from -20 to 20.
     """
     check_levels(white_level, black_level)
-    if not EXPOSURE.holds(exposure):
-        raise UsageError(f"an exposure of {exposure!r} is not {EXPOSURE.what}")
+    if not options.EXPOSURE.holds(exposure):
+        raise UsageError(f"an exposure of {exposure!r} is not {options.EXPOSURE.what}")
     path = None if path is None else path_of(path)
     name = name if path is None else str(path)
     if data is None:
@@ -203,8 +196,8 @@ def read_image(
     if data.startswith((EXR_MAGIC, png.SIGNATURE, b"P5")) and SOFTWARE_KEY.encode() in data[:4096]:
         raise InputError(f"{name} was written by depthcli", "name the image that it was made of")
     if data.startswith(EXR_MAGIC):
-        options = ReadOptions(exposure=exposure, layer=layer, projection=projection)
-        frame = read_exr_image(data, name=name, max_pixels=max_pixels, options=options)
+        reading = options.ReadOptions(exposure=exposure, layer=layer, projection=projection)
+        frame = read_exr_image(data, name=name, max_pixels=max_pixels, options=reading)
         return replace(frame, path=path)
     image = check(data, name, max_pixels)
     decoded = image.decode()
@@ -219,7 +212,7 @@ def read_image(
     is_panorama = b"ProjectionType" in xmp and projection is None  # or cylindrical
     whole = xmp.get(b"FullPanoWidthPixels", b"")
     part = xmp.get(b"CroppedAreaImageWidthPixels", whole)
-    if projection == Projection.EQUIRECTANGULAR and part != whole:
+    if projection == options.Projection.EQUIRECTANGULAR and part != whole:
         warning = f"{name} shows {part.decode()} of the {whole.decode()} columns of a panorama"
         raise InputError(warning, "give a whole one")
     doubts = PANORAMA if is_panorama else None, tiff.profile_warning(header.profile or data)
@@ -232,7 +225,7 @@ def read_image(
         focal_mm=exif.focal_mm,
         warnings=tuple(filter(None, (of_eyes, *warnings, *doubts))),
         pixel_aspect=decoded.pixel_aspect,
-        projection=projection or Projection.PINHOLE,
+        projection=projection or options.Projection.PINHOLE,
     )
     if decoded.alpha is None or ignore_alpha:
         return frame

@@ -28,16 +28,9 @@ from depthcli.jobs.image import ImageJob, ImageResult, ImageTask
 from depthcli.jobs.video.plan import VideoPlan, VideoResult, VideoSettings
 from depthcli.jobs.video.resume import FrameJournal, open_journal, rounding_scale
 from depthcli.known.sources import KnownDepthOfFrames
-from depthcli.video import container, formats, numbering
+from depthcli.video import container, formats, numbering, outputs
 from depthcli.video.audio import AudioTrack
 from depthcli.video.frames import FrameSource, Timing
-from depthcli.video.outputs import (
-    DepthFrame,
-    SegmentedOutput,
-    SequenceOutput,
-    VideoOutput,
-    video_file,
-)
 from depthcli.video.source import open_frames
 
 _STAMPS_A_SECOND = {13: 10**3, 16: 10**6, 19: 10**9}  #: by the digits of times since 1970
@@ -48,7 +41,7 @@ class PredictedFrame:
     """A frame after prediction, before the stages that depend on other frames."""
 
     #: the frame with its depth, of ``to_log`` if it is to be smoothed, and the depth's percentiles
-    shown: DepthFrame
+    shown: outputs.DepthFrame
     #: why it is not fitted to known depth that the video has; None if it is
     unfitted: str | None
     thumbnail: types.Float32Array  #: its brightness at a reduced size, (h, w) float32
@@ -98,7 +91,7 @@ class FramePredictor:
         small = types.DepthMap(temporal.sample_cells(displayed, thumbnail.shape), depth.kind)
         if self.settings.smooth_s:
             depth = replace(depth, values=temporal.to_log(depth))
-        frame = DepthFrame(image, depth, percentiles(small), is_kept=written is not None)
+        frame = outputs.DepthFrame(image, depth, percentiles(small), is_kept=written is not None)
         return PredictedFrame(frame, unfitted, thumbnail, temporal.to_log(small), warnings)
 
     def _fitted(self, image: types.Frame, number: int) -> tuple[ImageResult, str | None]:
@@ -138,7 +131,7 @@ class FrameFilter:
         numbers: number of each.
     """
 
-    first: DepthFrame
+    first: outputs.DepthFrame
 
     def __init__(self, settings: VideoSettings, kind: types.DepthKind) -> None:
         """Begin before the first frame."""
@@ -150,7 +143,7 @@ class FrameFilter:
         self.warnings, self.unfitted, self.scenes = tuple[str, ...](), list[str](), 0
         self.times_s, self.numbers = array("d"), array("q")
 
-    def smooth(self, frames: Iterable[PredictedFrame]) -> Iterator[DepthFrame]:
+    def smooth(self, frames: Iterable[PredictedFrame]) -> Iterator[outputs.DepthFrame]:
         """The stages that need the frames in order; fast."""
         if not self._settings.smooth_s:
             for frame in frames:
@@ -172,7 +165,7 @@ class FrameFilter:
 
     def _finished(
         self, frame: PredictedFrame, change: temporal.Change, correction: temporal.Correction | None
-    ) -> DepthFrame:
+    ) -> outputs.DepthFrame:
         """A frame with smoothed depth and colour range, and its share of the report."""
         shown, now_s = frame.shown, frame.shown.time_s
         interval_s = now_s - self.times_s[-1] if self.times_s else 0.0
@@ -199,7 +192,7 @@ class FrameFilter:
         return replace(shown, depth=depth, spread=spread)
 
 
-def restored(frame: DepthFrame, settings: VideoSettings) -> DepthFrame:
+def restored(frame: outputs.DepthFrame, settings: VideoSettings) -> outputs.DepthFrame:
     """Convert the smoother's output back to depth; thread-safe."""
     if not settings.smooth_s:
         return frame
@@ -248,7 +241,7 @@ def write_video(
         journal = stack.enter_context(open_journal(plan, source, pipeline, known_depth))
         overwrite = plan.request.overwrite or journal.is_resumed
         guard = Guard.of([*source.paths, *known_depth.paths], overwrite=overwrite)
-        outputs = [*map(stack.enter_context, _outputs(plan, source, guard))]
+        writers = [*map(stack.enter_context, _outputs(plan, source, guard))]
         sidecar = None
         if formats.VideoFormat.JSON in plan.names:
             path = plan.path(formats.VideoFormat.JSON)
@@ -265,7 +258,7 @@ def write_video(
         report = FrameFilter(settings, predictor.kind)
         ahead = workers if isinstance(plan.source, container.LiveStream) else None
         frames = chain([first], frames)
-        written = _process_frames(frames, predictor, report, outputs, workers, ahead)
+        written = _process_frames(frames, predictor, report, writers, workers, ahead)
         # Closed before the outputs, so that no thread writes into a file that is being removed.
         with closing(written) as numbers:
             for count, number in enumerate(numbers):
@@ -275,7 +268,7 @@ def write_video(
                 advance(1)
         if report.unfitted and len(report.unfitted) == len(report.numbers):
             raise InputError(report.unfitted[0])
-        warnings = [warning for output in outputs for warning in output.finish()]
+        warnings = [warning for output in writers for warning in output.finish()]
         done = _result(plan, source, pipeline, report, warnings)
         if sidecar is not None:
             is_numbered = not set(formats.SEQUENCES).isdisjoint(plan.names)
@@ -295,7 +288,7 @@ def _process_frames(
     frames: Iterator[types.Frame],
     predictor: FramePredictor,
     filter_: FrameFilter,
-    outputs: Sequence[VideoOutput],
+    writers: Sequence[outputs.VideoOutput],
     workers: int,
     ahead: int | None,
 ) -> Generator[int, None, None]:
@@ -304,10 +297,10 @@ def _process_frames(
     Each stage runs ``ahead`` frames ahead of the next; None for two for each worker.
     """
 
-    def encoded(frame: DepthFrame) -> list[Any]:
+    def encoded(frame: outputs.DepthFrame) -> list[Any]:
         whole = restored(frame, predictor.settings)
         displayed = whole.displayed()
-        return [output.encode(whole if output.has_overscan else displayed) for output in outputs]
+        return [output.encode(whole if output.has_overscan else displayed) for output in writers]
 
     with (
         one_thread_each(workers),
@@ -319,18 +312,22 @@ def _process_frames(
         ) as parts,
     ):
         for index, part in enumerate(parts):
-            for output, data in zip(outputs, part, strict=True):
+            for output, data in zip(writers, part, strict=True):
                 output.append(data)
             yield filter_.numbers[index]
 
 
-def _outputs(plan: VideoPlan, source: FrameSource, guard: Guard) -> Iterator[VideoOutput]:
+def _outputs(plan: VideoPlan, source: FrameSource, guard: Guard) -> Iterator[outputs.VideoOutput]:
     """The outputs of all formats but JSON, each in one file or in segments, and the page."""
     for format_ in plan.names:
         if format_ is not formats.VideoFormat.JSON:
             opened = partial(open_output, format_, plan, source, guard)
             length_s = None if format_ in formats.SEQUENCES else plan.settings.segment_s
-            yield SegmentedOutput(opened, length_s, plan.first_segment) if length_s else opened()
+            yield (
+                outputs.SegmentedOutput(opened, length_s, plan.first_segment)
+                if length_s
+                else opened()
+            )
     if plan.request.page is not None:
         yield plan.request.page
 
@@ -341,11 +338,11 @@ def open_output(
     source: FrameSource,
     guard: Guard,
     segment: int | None = None,
-) -> VideoOutput:
+) -> outputs.VideoOutput:
     """The output of one format, or of one of its segments, to be entered."""
     request, writing = plan.request, plan.settings.writing
     if format_ in formats.SEQUENCES:
-        return SequenceOutput(
+        return outputs.SequenceOutput(
             formats.SEQUENCES[format_], plan.folder, plan.names[format_], writing, guard
         )
     rate = plan.settings.span.rate(source.rate)
@@ -359,7 +356,7 @@ def open_output(
     target = plan.target(format_, segment)
     if isinstance(target, Path):
         guard.check(target)
-    return video_file(format_, target, timing, writing, request.codec, audio)
+    return outputs.video_file(format_, target, timing, writing, request.codec, audio)
 
 
 def _result(
