@@ -374,6 +374,12 @@ class DepthRange(NamedTuple):
         return cls(float(values.min()), median, float(values.max()))
 
 
+def range_facts(depth: DepthMap) -> dict[str, float | None]:
+    """Its range by name, and the median of the errors that are expected, if they are known."""
+    error = {} if depth.error is None else {"error": float(np.nanmedian(depth.error))}
+    return {**DepthRange.of(depth)._asdict(), **error}
+
+
 PLAUSIBLE_M = 0.05, 100.0  #: medians of numbers that are taken for metres without a word
 
 

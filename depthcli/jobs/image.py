@@ -11,8 +11,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, TypeAlias
 
-import numpy as np
-
 from depthcli.core import types
 from depthcli.core.camera import UNKNOWN_CAMERA, Intrinsics
 from depthcli.core.types import DepthMap, Frame
@@ -153,8 +151,7 @@ def depth_facts(depth: DepthMap) -> dict[str, Any]:
     return {
         "kind": depth.kind.value,
         "unit": depth.unit,
-        **types.DepthRange.of(depth)._asdict(),
-        **({} if depth.error is None else {"error": float(np.nanmedian(depth.error))}),
+        **types.range_facts(depth),
         "width": depth.width,
         "height": depth.height,
         **origin_fields(depth),

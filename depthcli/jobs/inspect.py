@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from depthcli.core.surface import holds_edge, surface_of
-from depthcli.core.types import BoolArray, DepthMap, DepthRange
+from depthcli.core.types import BoolArray, DepthMap, range_facts
 from depthcli.errors import InputError, UsageError
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.images.read import read_image
@@ -81,7 +81,7 @@ def inspect_file(file: str, options: DepthReadOptions = AS_STATED) -> dict[str, 
         "width": depth.width,
         "height": depth.height,
         "valid": int(depth.valid.sum()),
-        **DepthRange.of(depth)._asdict(),
+        **range_facts(depth),
         "metadata": {**stored.metadata, **_exr_facts(stored)},
         "channel": stored.channel,
         "warnings": stored.warnings if stored.is_integer else with_scale,

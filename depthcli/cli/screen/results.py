@@ -157,12 +157,13 @@ def _json_of(done: PredictResult | VideoResult) -> dict[str, object]:
 
 def image_text(done: PredictResult) -> str:
     """One line: outputs, range of depth, camera."""
-    spread = types.DepthRange.of(done.depth)
-    if spread.min is None:
+    facts = types.range_facts(done.depth)
+    if facts["min"] is None:
         return _line(done, "no depth")
     unit = " m" if done.depth.is_metric else f" ({done.depth.kind}, no unit)"
-    numbers = f"min {spread.min:.3f}, median {spread.median:.3f}, max {spread.max:.3f}{unit}"
-    return _line(done, numbers)
+    numbers = ", ".join(f"{name} {facts[name]:.3f}" for name in types.DepthRange._fields)
+    error = f", expected error {facts['error']:.0%}" if "error" in facts else ""
+    return _line(done, f"{numbers}{unit}{error}")
 
 
 def _line(done: PredictResult | VideoResult, facts: str) -> str:
