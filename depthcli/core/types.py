@@ -376,7 +376,7 @@ class DepthRange(NamedTuple):
 
 def range_facts(depth: DepthMap) -> dict[str, float | None]:
     """Its range by name, and the median of the errors that are expected, if they are known."""
-    error = {} if depth.error is None else {"error": float(np.nanmedian(depth.error))}
+    error = {} if depth.error is None else {"expected_error": float(np.nanmedian(depth.error))}
     return {**DepthRange.of(depth)._asdict(), **error}
 
 

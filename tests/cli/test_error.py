@@ -49,7 +49,7 @@ def test_the_error_does_not_change_depth(unsure: Cli) -> None:
     done = unsure("predict", "a.png", "-o", "a.npy", "--error", "--json", code=0)
     plain, depth = (np.load(unsure.folder / name) for name in ("plain.npy", "a.npy"))
     np.testing.assert_array_equal(depth, plain)
-    assert json.loads(done.stdout)["error"] == pytest.approx(np.median(EXPECTED), abs=0.02)
+    assert json.loads(done.stdout)["expected_error"] == pytest.approx(np.median(EXPECTED), abs=0.02)
 
 
 def test_depth_that_follows_points_is_surer_near_them(unsure: Cli) -> None:
@@ -74,7 +74,7 @@ def test_predict_info_probe_and_the_page_show_the_error(unsure: Cli) -> None:
     error = depthcli.read_depth(unsure.folder / "a.exr").error
     assert f"m, expected error {np.median(error):.0%}" in line
     stated = json.loads(unsure("info", "a.exr", "--json", code=0).stdout)
-    assert stated["error"] == pytest.approx(np.median(error))
+    assert stated["expected_error"] == pytest.approx(np.median(error))
     text = unsure("probe", "a.exr", "3,4", "0,0,32,24", code=0).stdout.decode()
     assert f"± {error[4, 3]:.0%}" in text
     assert f"expected error {np.median(error):.0%}" in text

@@ -162,7 +162,7 @@ def image_text(done: PredictResult) -> str:
         return _line(done, "no depth")
     unit = " m" if done.depth.is_metric else f" ({done.depth.kind}, no unit)"
     numbers = ", ".join(f"{name} {facts[name]:.3f}" for name in types.DepthRange._fields)
-    error = f", expected error {facts['error']:.0%}" if "error" in facts else ""
+    error = f", expected error {facts['expected_error']:.0%}" if "expected_error" in facts else ""
     return _line(done, f"{numbers}{unit}{error}")
 
 
