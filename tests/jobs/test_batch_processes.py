@@ -98,7 +98,7 @@ def test_processes_stop_with_the_session(folder: Path) -> None:
     session = loader.load()
     batch = Batch(replace(in_processes(folder), model=loader), session)
     threading.Timer(2, session.stop).start()
-    with pytest.raises(ModelError):
+    with pytest.raises((ModelError, EngineError)):  # the latter if its process still starts
         next(batch)
     assert not multiprocessing.active_children()
 
