@@ -120,7 +120,7 @@ class Pipeline:
         ]
         prepared = [transforms.prepare(self.card.input, frame) for frame in frames]
         if self.detail.mask is DepthMask.MODEL and self.card.output.mask is None:
-            problem = f"model {self.card.name!r} tells no mask of its own"
+            problem = f"model {self.card.name!r} gives no mask"
             raise InputError(problem, "leave {mask} out, or give another {model}")
         if self.detail.error and self.session.load_error is None:
             problem = f"the error of depth of model {self.card.name!r} is not known"

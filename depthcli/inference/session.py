@@ -121,7 +121,7 @@ class RawOutputs(NamedTuple):
 
     maps: Float32Array  #: (N, h, w), of the card's codec; (N, h, w, 3) of points
     mask: Float32Array | None = None  #: (N, h, w), of the card's mask; None without one
-    hfov_deg: Float32Array | None = None  #: (N,); None if the network tells none
+    hfov_deg: Float32Array | None = None  #: (N,); None if the network gives none
     scale: Float32Array | None = None  #: (N,) factor of points; None for 1
 
     def image(self, i: int) -> "RawOutputs":

@@ -166,7 +166,7 @@ class OutputSpec:
     enlarging: _Enlarging = Resize.LINEAR
     #: the map is (N, h, w, 3), x, y and z up to a shift of z; None for a map of depth
     points: PointsSpec | None = None
-    mask: MaskSpec | None = None  #: the pixels that have a depth; None if the network tells none
+    mask: MaskSpec | None = None  #: the pixels that have a depth; None if the network gives none
 
     @property
     def codec(self) -> DepthCodec:
