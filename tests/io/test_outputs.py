@@ -8,13 +8,11 @@ from itertools import permutations
 from pathlib import Path
 
 import pytest
-from helpers.tiny import write_image
 from hypothesis import given
 from hypothesis import strategies as st
 
 from depthcli.errors import OutputError, UsageError
 from depthcli.io.formats.table import FORMATS, Format
-from depthcli.io.guard import Guard
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.jobs.outputs import OutputNames, OutputPlan, plan_outputs
 from depthcli.jobs.predict import image_destination
@@ -23,13 +21,6 @@ from depthcli.jobs.predict import image_destination
 def planned(sources: Sequence[Path | None], out: str | None) -> list[OutputPlan[Format]]:
     """Outputs in 16-bit PNG."""
     return plan_outputs(sources, image_destination(out, (Format.PNG16,)))
-
-
-def test_an_input_is_not_replaced_under_another_name(tmp_path: Path) -> None:
-    one, other = write_image(tmp_path / "a.png"), tmp_path / "b.png"
-    other.hardlink_to(one)
-    with pytest.raises(OutputError):
-        Guard.of([one], overwrite=True).check(other)
 
 
 def test_a_folder_without_a_name_gets_no_outputs() -> None:
