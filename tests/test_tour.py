@@ -3,7 +3,6 @@
 import os
 import re
 import shutil
-import socket
 import subprocess
 import sys
 
@@ -11,14 +10,9 @@ import pytest
 from helpers.command_line import ROOT, Cli
 from helpers.tiny import synthetic_image
 from helpers.videos import write_mp4
-from helpers.web import Camera
+from helpers.web import Camera, free_port
 
 COMMANDS = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-
-
-def free_port() -> str:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        return str(taken.getsockname()[1])
 
 
 @pytest.mark.skipif(not shutil.which("curl") or not shutil.which("timeout"), reason="needs curl")
@@ -31,10 +25,10 @@ def test_the_commands_run(cli: Cli) -> None:
     program.write_text(f'#!/bin/sh\nexec {sys.executable} -m depthcli "$@"\n')
     program.chmod(0o755)
     script = "".join(COMMANDS.findall((ROOT / "docs" / "tour.md").read_text("utf-8")))
-    script = script.replace("serve &", "serve --port 8000 &").replace("8000", free_port())
+    script = script.replace("serve &", "serve --port 8000 &").replace("8000", str(free_port()))
     with Camera() as camera:
         script = script.replace("video 0", f"video {camera.url} --live")
-        script = script.replace("8080", free_port())
+        script = script.replace("8080", str(free_port()))
         done = subprocess.run(
             ["timeout", "100", "bash", "-ec", f"trap 'kill $(jobs -p)' ERR\n{script}"],
             capture_output=True,

@@ -28,6 +28,19 @@ from depthcli.errors import InputError
 from robustness import killed
 
 
+def in_bash(cli: Cli, line: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A line of the shell that was run in the command's folder."""
+    return subprocess.run(
+        ["bash", "-c", line],
+        cwd=cli.folder,
+        env=cli.environment | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no /dev/full")
 @pytest.mark.parametrize(
     ("words", "stream"),
@@ -41,16 +54,7 @@ from robustness import killed
 )
 def test_results_that_stdout_does_not_take_are_an_error(cli: Cli, words: str, stream: str) -> None:
     write_image(cli.folder / "in" / "a.png")
-    line = f"{shlex.join(cli.command(*words.split()))} {stream}"
-    done = subprocess.run(
-        ["bash", "-c", line],
-        cwd=cli.folder,
-        env=cli.environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    done = in_bash(cli, f"{shlex.join(cli.command(*words.split()))} {stream}")
     assert done.returncode == 1
     assert "cannot write standard output" in done.stderr.splitlines()[-1]
     assert (cli.folder / "out" / "manifest.jsonl").exists() == words.startswith("batch")
@@ -68,10 +72,7 @@ def test_the_exit_code_does_not_depend_on_standard_error(
     """The last warns. It was 120 or 134, as Python cleaned up while the model loaded."""
     write_image(cli.folder / "a.png")
     line = f"{shlex.join(cli.command(*words.split()))} {stream}"
-    done = subprocess.run(
-        ["bash", "-c", line], cwd=cli.folder, env=cli.environment, check=False, timeout=60
-    )
-    assert done.returncode == code
+    assert in_bash(cli, line).returncode == code
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are Linux's")
@@ -90,25 +91,15 @@ def test_a_disk_that_gets_full_is_an_error_without_buffers(cli: Cli, words: str)
     write_image(cli.folder / "a.png")
     (cli.folder / "almost").write_bytes(bytes(2**20 - 100))
     line = shlex.join(cli.command("predict", "a.png", *words.split()))
-    done = subprocess.run(
-        ["bash", "-c", f"ulimit -f 1024; {line} >>almost"],
-        cwd=cli.folder,
-        env=cli.environment | {"PYTHONUNBUFFERED": "1"},
-        check=False,
-        timeout=60,
-    )
+    done = in_bash(cli, f"ulimit -f 1024; {line} >>almost", PYTHONUNBUFFERED="1")
     assert done.returncode == 1
 
 
 def test_no_file_takes_the_place_of_a_closed_stream(cli: Cli) -> None:
     script = "import os, sys; from depthcli.cli.app import open_streams; open_streams()\n"
     script += "assert os.open(sys.argv[1], os.O_RDONLY) > 2"
-    done = subprocess.run(
-        ["bash", "-c", f"{shlex.join([sys.executable, '-c', script, __file__])} <&- >&- 2>&-"],
-        env=cli.environment | {"PYTHONPATH": os.fspath(cli.site)},
-        check=False,
-    )
-    assert done.returncode == 0
+    line = f"{shlex.join([sys.executable, '-c', script, __file__])} <&- >&- 2>&-"
+    assert in_bash(cli, line).returncode == 0
 
 
 def test_control_characters_are_escaped(capsys: pytest.CaptureFixture[str]) -> None:

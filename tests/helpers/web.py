@@ -1,6 +1,7 @@
 """Web servers on this machine: of one file that is cut off, and a camera of Motion JPEG."""
 
 import queue
+import socket
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Self
@@ -9,6 +10,12 @@ import cv2
 import numpy as np
 
 BOUNDARY = "frame"
+
+
+def free_port() -> int:
+    """A port that no server has."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return int(taken.getsockname()[1])
 
 
 class Server:
