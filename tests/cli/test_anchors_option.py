@@ -215,24 +215,15 @@ def test_a_batch_takes_a_folder_and_no_videos(inside: Cli) -> None:
     assert rows(inside, "out")["a.png"]["status"] == "ok"
 
 
-@pytest.mark.parametrize("name", ["a.depth.png", "a.depth.npy"])
-def test_a_batch_does_not_replace_known_depth(inside: Cli, name: str) -> None:
+@pytest.mark.parametrize(("name", "format_"), [("a.depth.png", "png16"), ("a.depth.npy", "npy")])
+def test_a_batch_does_not_replace_known_depth(inside: Cli, name: str, format_: str) -> None:
     write_image(inside.folder / "in" / "a.jpg", synthetic_image())
-    suffix = name.removeprefix("a.depth.")
     known_m = sparse_twice(inside, "in/a.jpg")
     np.save(inside.folder / "known.npy", known_m)
     (inside.folder / "known").mkdir()
     assert inside("convert", "known.npy", f"known/{name}").returncode == 0
     before = (inside.folder / "known" / name).read_bytes()
-    words = (
-        "in",
-        "-o",
-        "known",
-        "--anchors",
-        "known",
-        "--format",
-        {"png": "png16"}.get(suffix, suffix),
-    )
+    words = ("in", "-o", "known", "--anchors", "known", "--format", format_)
     for extra in ((), ("--dry-run",)):
         done = inside("batch", *words, *extra, code=1)
         assert b"is its known depth; choose another --out" in done.stdout + done.stderr

@@ -25,14 +25,18 @@ def written_pages() -> str:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_and_option_is_in_the_documentation(name: str) -> None:
+def test_every_command_and_option_has_help_and_is_in_the_documentation(name: str) -> None:
     text = written_pages()
     assert f"depthcli {name}" in text
     pending = [shell.load_command(name)]
     while pending:
         command = pending.pop()
         pending.extend(getattr(command, "commands", {}).values())
+        assert command.help
+        if not hasattr(command, "commands"):
+            assert any("--debug" in parameter.opts for parameter in command.params)
         for parameter in command.params:
+            assert parameter.help, parameter.name
             for option in parameter.opts:
                 stated = re.search(rf"`{re.escape(option)}(?![\w-])", text)
                 assert stated or not option.startswith("-"), option

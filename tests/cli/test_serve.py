@@ -208,8 +208,7 @@ def test_answers_503_when_an_image_takes_too_long(cli: Cli) -> None:
 
 
 def test_addresses_that_others_reach_need_a_token(cli: Cli) -> None:
-    refused = cli("serve", "--host", ANY_ADDRESS, "--port", "0")
-    assert refused.returncode == 2
+    cli("serve", "--host", ANY_ADDRESS, "--port", "0", code=2)
     with serving(cli, "--host", ANY_ADDRESS, DEPTHCLI_TOKEN="secret") as server:  # noqa: S106
         local = server._replace(address=server.address.replace(ANY_ADDRESS, "127.0.0.1"))
         pod = {"Host": "10.0.0.5:8000"}  # as kubelet: kubeflow/mcp-server#91
