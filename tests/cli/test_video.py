@@ -15,7 +15,7 @@ import pytest
 from helpers.command_line import Cli, unmeasured
 from helpers.folders import here
 from helpers.tiny import write_model
-from helpers.videos import NTSC, encode, flat_frames, write_mp4, write_video
+from helpers.videos import NTSC, encode, flat_frames, write_ramp, write_video
 
 from depthcli.cli.commands.video import parse_span
 from depthcli.errors import UsageError
@@ -24,17 +24,6 @@ from depthcli.video.depth_video import DepthVideo
 from depthcli.video.frames import Point
 
 CAMERA = {"hfov_deg": 60.0}
-
-
-def ramp(cli: Cli, frames: int = 24) -> Path:
-    """A clip at 30000/1001 whose frames get brighter, hence farther for the tiny model."""
-    images = [
-        np.repeat(np.linspace(i, 64 + 7 * i, 64).astype(np.uint8)[None, :, None], 48, 0).repeat(
-            3, 2
-        )
-        for i in range(frames)
-    ]
-    return write_mp4(cli.folder / "clip.mp4", images)
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +41,7 @@ def report(done: subprocess.CompletedProcess[bytes]) -> dict[str, Any]:
 
 
 def test_without_options_lossless_depth_and_a_preview_beside_the_video(cli: Cli) -> None:
-    ramp(cli)
+    write_ramp(cli.folder / "clip.mp4")
     done = cli("video", "clip.mp4")
     assert (done.returncode, done.stderr) == (0, b"")
     assert here(cli) == {"clip.mp4", "clip.depth.mkv", "clip.preview.mp4"}
@@ -184,9 +173,8 @@ def test_words_that_are_no_place(word: str) -> None:
 
 
 def test_a_name_that_is_not_utf_8_is_a_name_like_any_other(cli: Cli) -> None:
-    path = ramp(cli, 3)
     folder = os.fsdecode(b"\xfeout")
-    path.rename(cli.folder / f"{folder}.mp4")
+    write_ramp(cli.folder / f"{folder}.mp4", 3)
     formats = ("--format", "mkv", "--format", "mp4", "--format", "png16")
     cli("video", f"{folder}.mp4", "--out", f"{folder}/", *formats, code=0)
     assert len(here(cli)) == 1 + 2 + 3
@@ -194,7 +182,7 @@ def test_a_name_that_is_not_utf_8_is_a_name_like_any_other(cli: Cli) -> None:
 
 
 def test_stretched_frames_have_no_scale(inside: Cli) -> None:
-    ramp(inside, 3)
+    write_ramp(inside.folder / "clip.mp4", 3)
     words = ("video", "clip.mp4", "--png-normalize", "--sidecar", "--format", "png16")
     assert inside(*words).returncode == 0
     assert json.loads((inside.folder / "clip.depth.json").read_text())["scale"] is None
