@@ -6,19 +6,13 @@ from typing import Any
 
 import pytest
 import torch
-from helpers.tiny_methods import batch, coded, tiny, tiny_method
+from helpers.tiny_methods import batch, coded, phases, tiny, tiny_method
 from lightning_fabric import Fabric
 from torch import Tensor
 
 from depthcli.lab.training.losses import hdce, patch_nce, semantic_relation
 from depthcli.lab.training.methods.table import PAPER_METHODS
 from depthcli.lab.training.run import Run
-
-
-def phases(method: Any, seed: int = 5) -> dict[str, Tensor]:
-    torch.manual_seed(seed)
-    terms: dict[str, Tensor] = method(batch(), "discriminator")
-    return terms | method(batch(), "generator")
 
 
 def contrast(
