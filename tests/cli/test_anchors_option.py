@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from helpers import made
@@ -112,29 +111,19 @@ def test_points_of_one_image_for_several_are_a_warning_that_names_batch(inside: 
     assert b"'depthcli batch'" in refused.stderr
 
 
-def write_kitti(path: Path, height: int = 48, width: int = 64) -> None:
-    """2 m at every fourth pixel, 256 units per metre, which the PNG does not state."""
-    steps = np.zeros((height, width), np.uint16)
-    steps[::2, ::2] = 512
-    path.parent.mkdir(exist_ok=True)
-    assert cv2.imwrite(str(path), steps)
-
-
-def assumed_in(name: str) -> str:
-    assumed = "states no scale, so millimetres are assumed"
-    return f"{name} {assumed}; --anchors-scale states another"
-
-
 def test_an_assumed_scale_is_a_warning(inside: Cli) -> None:
-    write_image(inside.folder / "room.png", synthetic_image())
-    write_kitti(inside.folder / "kitti.png")
+    """2 m at every fourth pixel, 256 units per metre, which the PNG does not state."""
+    assumed = "kitti.png states no scale, so millimetres are assumed"
+    assumed += "; --anchors-scale states another"
+    steps = np.zeros((48, 64), np.uint16)
+    steps[::2, ::2] = 512
+    write_image(inside.folder / "room.png")
+    write_image(inside.folder / "kitti.png", steps)
     words = ("predict", "room.png", "--anchors", "kitti.png", "-o", "d.npy", "--overwrite")
     (told,) = printed(inside(*words, "--json"))
-    assert told["warnings"] == [assumed_in("kitti.png")]
+    assert told["warnings"] == [assumed]
     assert told["median"] == pytest.approx(0.512, rel=1e-3)
-    assert inside(*words).stderr.decode() == (
-        f"depthcli: warning: room.png: {assumed_in('kitti.png')}\n"
-    )
+    assert inside(*words).stderr.decode() == f"depthcli: warning: room.png: {assumed}\n"
     (told,) = printed(inside(*words, "--anchors-scale", "256", "--json"))
     assert (told["warnings"], told["median"]) == ([], pytest.approx(2, rel=1e-3))
     assert inside("convert", "d.npy", "stated.png", "--png-scale", "256").returncode == 0

@@ -69,13 +69,10 @@ def _commands() -> list[list[str]]:
             if named := re.fullmatch(r'(\w+)="(.*)"', line):
                 values[f"${named[1]}"] = named[2]
             elif line.startswith("depthcli train"):
-                found.append(shlex.split(_filled(line, values), comments=True)[2:])
+                filled = re.sub(r"\$\w+", lambda named: values[named[0]], line)
+                filled = re.sub(r"=N\b", "=69", filled)
+                found.append(shlex.split(filled, comments=True)[2:])
     return found
-
-
-def _filled(line: str, values: dict[str, str]) -> str:
-    line = re.sub(r"\$\w+", lambda named: values[named[0]], line)
-    return re.sub(r"=N\b", "=69", line)
 
 
 def _alone(words: list[str]) -> list[list[str]]:

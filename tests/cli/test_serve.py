@@ -341,10 +341,7 @@ def test_a_temporary_folder_that_cannot_be_written_is_no_fault_of_an_image(cli: 
     assert (done.returncode, b"TMPDIR" in done.stderr, done.stderr.count(b"\n")) == (1, True, 1)
     with serving(cli) as server:
         resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, (0, 0))
-        form = b'--x\r\nContent-Disposition: form-data; name="image"; filename="a"\r\n\r\n'
-        kind = {"Content-Type": "multipart/form-data; boundary=x"}
-        large = server.predict(form + LARGE + b"\r\n--x--\r\n", kind)
-        replies = [server.predict(png()), large]
+        replies = [server.predict(png()), server.predict(*form_of(image=("a", LARGE)))]
         assert [(r.status, b"temporary" in r.body) for r in replies] == [(500, True)] * 2
         assert b'{status="500"} 2.0' in server.ask("/metrics").body
 

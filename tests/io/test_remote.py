@@ -13,13 +13,14 @@ from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 
 import pytest
+from helpers.batches import row
 from helpers.stores import KEYS, Bucket, Faults, remote
 from helpers.web import Server
 
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.guard import Guard
 from depthcli.io.listing import InputFile, Skipped, list_folder
-from depthcli.io.manifest import OK, CacheKey, Journal, ManifestRow, OutputFile, known_rows
+from depthcli.io.manifest import Journal, known_rows
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import (
@@ -393,12 +394,6 @@ def test_variable_sets_the_number_of_retries(
 
 
 JOURNAL = ".depthcli-batch.jsonl"
-
-
-def row(name: str, seconds: float = 0.5) -> ManifestRow:
-    key = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
-    outputs = (OutputFile(f"{name}.depth.png", 12, "2" * 64),)
-    return ManifestRow(name, OK, key, outputs, seconds)
 
 
 @pytest.fixture
