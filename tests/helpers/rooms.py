@@ -87,15 +87,15 @@ def room_data() -> TrainingData:
     return TrainingData(rooms(), "six rooms", None)
 
 
-def write_rooms(folder: Path, dataset: Rooms | None = None) -> Path:
-    """rgb/ID.png, depth/ID.png in millimetres, index.csv."""
+def write_rooms(folder: Path, dataset: Rooms | None = None, prefix: str = "") -> Path:
+    """rgb/ID.png, depth/ID.png in millimetres, index.csv; IDs begin with the prefix."""
     dataset = dataset or rooms()
     lines = ["id,scene,official_split"]
     for i, row in enumerate(zip(dataset.ids, dataset.scenes, dataset.official_split, strict=True)):
-        lines.append(",".join(row))
-        write_image(folder / "rgb" / f"{row[0]}.png", dataset.image(i))
+        lines.append(prefix + ",".join(row))
+        write_image(folder / "rgb" / f"{prefix}{row[0]}.png", dataset.image(i))
         millimetres = np.round(dataset.depth_m(i) * 1000).astype(np.uint16)
-        write_image(folder / "depth" / f"{row[0]}.png", millimetres)
+        write_image(folder / "depth" / f"{prefix}{row[0]}.png", millimetres)
     (folder / "index.csv").write_text("\n".join([*lines, ""]))
     return folder
 

@@ -8,10 +8,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 from helpers.in_memory import InMemory
+from helpers.made import exif, jpeg_with_exif
 from helpers.tiny import write_image
 from hypothesis import given
 from hypothesis import strategies as st
-from PIL import Image
 
 from depthcli.errors import DatasetError
 from depthcli.lab.datasets import base as splits
@@ -68,10 +68,8 @@ def test_depth_of_another_size_is_compared_in_the_view_of_its_image(tmp_path: Pa
 
 
 def test_image_that_is_turned_upright_takes_upright_depth(tmp_path: Path) -> None:
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    (tmp_path / "rgb").mkdir()
-    Image.new("RGB", (16, 12)).save(tmp_path / "rgb" / "a.jpg", exif=exif)
+    image = write_image(tmp_path / "rgb" / "a.jpg", np.zeros((12, 16, 3), np.uint8))
+    image.write_bytes(jpeg_with_exif(image.read_bytes(), exif(6)))
     _write(tmp_path / "depth" / "a.png", 2000, depth=True, size=(16, 12))
     dataset = open_paired_folder(tmp_path)
     assert dataset.image(0).shape[:2] == dataset.depth_m(0).shape == (16, 12)
