@@ -173,13 +173,11 @@ def test_changed_known_depth_is_done_again(inside: Cli) -> None:
     batch = ("batch", "in", "--out", "out", "--anchors", "known")
 
     def kept() -> list[bool]:
-        done = inside(*batch, "--json", code=0)
-        found = [json.loads(line) for line in done.stdout.splitlines()]
+        found = printed(inside(*batch, "--json", code=0))
         return [row["kept"] for row in sorted(found, key=lambda row: str(row["input"]))]
 
     def would() -> list[str]:
-        lines = inside(*batch, "--dry-run", "--json").stdout.splitlines()
-        return [json.loads(line)["would"] for line in lines]
+        return [row["would"] for row in printed(inside(*batch, "--dry-run", "--json"))]
 
     assert (kept(), kept(), would()) == ([False, False], [True, True], ["keep", "keep"])
     (known / "a.csv").write_text("x,y,depth_m\n5,4,3\n")

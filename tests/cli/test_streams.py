@@ -290,11 +290,8 @@ def test_progress_as_json_is_lines_on_standard_error(inside: Cli) -> None:
     assert [lines[-1][key] for key in ("done", "total", "seconds_left")] == [3, 3, 0]
     assert lines[-1]["file"] in {"a.png", "b.png", "c.png"}
     assert lines[-1]["rate"] > 0
-    refused = inside("batch", "in", "-o", "out", "--progress", "xml")
-    assert (refused.returncode, b"'xml' is not one of 'auto', 'json'" in refused.stderr) == (
-        2,
-        True,
-    )
+    refused = inside("batch", "in", "-o", "out", "--progress", "xml", code=2)
+    assert b"'xml' is not one of 'auto', 'json'" in refused.stderr
 
 
 @pytest.mark.parametrize(("words", "level"), [(("-v",), ""), ((), "info"), ((), "")])

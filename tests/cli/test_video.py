@@ -7,13 +7,12 @@ import subprocess
 import time
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from helpers.command_line import Cli, unmeasured
-from helpers.folders import here
+from helpers.folders import here, printed
 from helpers.tiny import write_model
 from helpers.videos import NTSC, encode, flat_frames, write_ramp, write_video
 
@@ -32,12 +31,6 @@ def long_video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("long")
     noise = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
     return write_video(folder / "long.avi", [noise] * 500)
-
-
-def report(done: subprocess.CompletedProcess[bytes]) -> dict[str, Any]:
-    (line,) = done.stdout.decode().splitlines()
-    found: dict[str, Any] = json.loads(line)
-    return found
 
 
 def test_without_options_lossless_depth_and_a_preview_beside_the_video(cli: Cli) -> None:
@@ -60,7 +53,7 @@ def test_a_cut_video_is_written_as_far_as_it_goes(cli: Cli) -> None:
     path = write_video(cli.folder / "cut.avi", flat_frames(range(60)))
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     done = cli("video", "cut.avi", "--out", "a.mkv", "--json", code=1)
-    facts = report(done)
+    (facts,) = printed(done)
     assert facts["status"] == "incomplete"
     assert 5 < facts["frames"] < 60
     (line,) = done.stderr.decode().splitlines()
@@ -194,7 +187,7 @@ def test_the_principal_point_is_stored_and_makes_the_same_points(inside: Cli) ->
     given = ("--centre-px", "20.1,-3.25", "--hfov", "60", "--sidecar", "--json")
     options = (*given, "--model", os.fspath(write_model(inside.folder / "m", camera=CAMERA)))
     done = inside("video", "clip.avi", "--out", "mkv/", "--format", "mkv", *options)
-    assert report(done)["centre_px"] == [20.1, -3.25]
+    assert [facts["centre_px"] for facts in printed(done)] == [[20.1, -3.25]]
     done = inside("video", "clip.avi", "--out", "npy/", "--format", "npy", *options, code=0)
     for sidecar in ("mkv/clip.depth.json", "npy/clip.depth.json"):
         assert json.loads((inside.folder / sidecar).read_text())["centre_px"] == [20.1, -3.25]
@@ -217,12 +210,12 @@ def test_raw_frames_flow_through_a_pipe(inside: Cli) -> None:
     encode(inside.folder / "in.mkv", sent, Fraction(30), "ffv1", "bgr0")
     raw = ("--raw", f"{width}x{height}:bgr24@30", "--json")
     piped = inside("video", "-", *raw, "-o", "raw.mkv", stdin=sent[..., ::-1].tobytes())
-    assert (piped.returncode, report(piped)["fps"]) == (0, "30/1")
+    assert (piped.returncode, printed(piped)[0]["fps"]) == (0, "30/1")
     assert inside("video", "in.mkv", "-o", "file.mkv").returncode == 0
     steps = [list(DepthVideo(inside.folder / name).steps()) for name in ("raw.mkv", "file.mkv")]
     np.testing.assert_array_equal(*steps)
     cut = inside("video", "-", *raw, "-o", "cut.mkv", stdin=sent[..., ::-1].tobytes()[:-9])
-    assert (cut.returncode, report(cut)["frames"]) == (1, len(sent) - 1)
+    assert (cut.returncode, printed(cut)[0]["frames"]) == (1, len(sent) - 1)
     for wrong, code in ("64x48:bogus@30", 1), ("64x48", 2), ("64x48:bgr24", 2), ("0x4:gray@1", 2):
         assert inside("video", "-", "--raw", wrong, "-o", "a.mkv", stdin=b"").returncode == code
     assert inside("video", "in.mkv", *raw).returncode == 2
