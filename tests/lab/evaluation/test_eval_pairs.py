@@ -48,9 +48,7 @@ def _millimetres(data: Path) -> dict[str, Any]:
 
 
 def _row(data: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:
-    words = ["eval", "pairs", str(data), "--model", str(data.parent / "tiny"), "--json", *more]
-    assert main(words) == ExitCode.OK
-    document = json.loads(capsys.readouterr().out)
+    document, _ = _table(capsys, str(data), "--model", str(data.parent / "tiny"), *more)
     (row,) = document["rows"]
     assert document["dataset"] == "own"
     is_known = (data / "cameras.csv").exists()
