@@ -21,10 +21,6 @@ def test_line_that_is_not_a_row_is_none(line: bytes) -> None:
     assert parse_row(line) in (None, row("a"))
 
 
-def test_known_rows_of_nothing() -> None:
-    assert known_rows(Path("nowhere")).row("a") is None
-
-
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(OutputError):
