@@ -1,18 +1,17 @@
 """The examples of docs/extending.md, put where they say in a copy of the package, and used."""
 
 import json
-import os
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from helpers.command_line import finished
 from helpers.rooms import large_rooms, rooms, write_rooms
-from helpers.runs import EFFICIENT_TOML
+from helpers.runs import EFFICIENT_TOML, ENVIRONMENT
 from helpers.videos import flat_frames, write_mp4
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,15 +43,8 @@ class Extended(NamedTuple):
 
     def run(self, *words: str, exit_code: int = 0) -> str:
         """What Python prints, in the folder of the copy."""
-        done = subprocess.run(
-            [sys.executable, *words],
-            cwd=self.folder,
-            env={**os.environ, "PYTHONPATH": str(self.folder), "CUDA_VISIBLE_DEVICES": ""},
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=120,
-        )
+        environment = {**ENVIRONMENT, "PYTHONPATH": str(self.folder)}
+        done = finished([sys.executable, *words], self.folder, env=environment)
         assert done.returncode == exit_code, done.stderr
         return done.stdout
 

@@ -3,11 +3,10 @@
 import os
 import re
 import shutil
-import subprocess
 import sys
 
 import pytest
-from helpers.command_line import ROOT, Cli
+from helpers.command_line import ROOT, Cli, finished
 from helpers.tiny import synthetic_image
 from helpers.videos import write_mp4
 from helpers.web import Camera, free_port
@@ -29,14 +28,9 @@ def test_the_commands_run(cli: Cli) -> None:
     with Camera() as camera:
         script = script.replace("video 0", f"video {camera.url} --live")
         script = script.replace("8080", str(free_port()))
-        done = subprocess.run(
-            ["timeout", "100", "bash", "-ec", f"trap 'kill $(jobs -p)' ERR\n{script}"],
-            capture_output=True,
-            cwd=cli.folder,
-            env={**cli.environment, "PATH": f"{program.parent}:{os.environ['PATH']}"},
-            check=False,
-            text=True,
-        )
+        command = ["timeout", "100", "bash", "-ec", f"trap 'kill $(jobs -p)' ERR\n{script}"]
+        path = {"PATH": f"{program.parent}:{os.environ['PATH']}"}
+        done = finished(command, cli.folder, env=cli.environment | path)
     assert done.returncode == 0, done.stderr
     assert 'depthcli_requests_total{status="200"} 1.0' in done.stdout
     written = {str(path.relative_to(cli.folder)) for path in cli.folder.rglob("*.*")}

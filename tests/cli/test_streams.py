@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 import typer
-from helpers.command_line import ROOT, Cli, unmeasured
+from helpers.command_line import ROOT, Cli, finished, unmeasured
 from helpers.folders import tree
 from helpers.tiny import endless_onnx, write_image, write_model
 
@@ -30,15 +30,7 @@ from robustness import killed
 
 def in_bash(cli: Cli, line: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """A line of the shell that was run in the command's folder."""
-    return subprocess.run(
-        ["bash", "-c", line],
-        cwd=cli.folder,
-        env=cli.environment | environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    return finished(["bash", "-c", line], cli.folder, env=cli.environment | environment)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no /dev/full")
@@ -80,8 +72,7 @@ def test_too_little_memory_is_no_crash(cli: Cli) -> None:
     """OpenBLAS could not start its threads, and ended the process by a signal."""
     write_image(cli.folder / "a.png")
     line = f"ulimit -v 480000; {shlex.join(cli.command('info', 'a.png'))}"
-    environment = unmeasured(cli.environment)
-    done = subprocess.run(["bash", "-c", line], cwd=cli.folder, env=environment, check=False)
+    done = finished(["bash", "-c", line], cli.folder, env=unmeasured(cli.environment))
     assert done.returncode in {1, 3}
 
 
@@ -268,16 +259,11 @@ def test_ctrl_c_is_silent(
 def test_an_image_that_is_larger_than_the_memory_costs_only_itself(cli: Cli) -> None:
     words = ("predict", "large.png", "small.png", "-o", "out/", "--format", "png16")
     tests = os.path.join(os.path.dirname(__file__), "..")  # noqa: PTH118, PTH120
-    done = subprocess.run(
-        [sys.executable, "-c", LITTLE_MEMORY, *words],
-        cwd=cli.folder,
-        env=unmeasured(cli.environment) | {"PYTHONPATH": os.pathsep.join((str(cli.site), tests))},
-        capture_output=True,
-        check=False,
-        timeout=60,
-    )
+    path = {"PYTHONPATH": os.pathsep.join((str(cli.site), tests))}
+    command = [sys.executable, "-c", LITTLE_MEMORY, *words]
+    done = finished(command, cli.folder, env=unmeasured(cli.environment) | path)
     assert done.returncode == 1, done.stderr
-    assert re.search(rb"large\.png:? does not fit into memory; make it smaller", done.stderr)
+    assert re.search(r"large\.png:? does not fit into memory; make it smaller", done.stderr)
     assert [path.name for path in (cli.folder / "out").iterdir()] == ["small.depth.png"]
 
 

@@ -2,11 +2,10 @@
 
 import hashlib
 import json
-import subprocess
 import sys
 from pathlib import Path
 
-from helpers.command_line import Cli
+from helpers.command_line import Cli, finished
 from helpers.rooms import large_rooms, write_rooms
 from helpers.runs import RESNET_TOML
 from helpers.stores import KEYS, Bucket, Faults, credentials_checked
@@ -129,15 +128,9 @@ def test_plain_paths_open_no_connection(cli: Cli) -> None:
     (cli.folder / "models").symlink_to(cli.models)
     home = cli.folder / "user"
     home.mkdir()
-    done = subprocess.run(
-        [sys.executable, "-c", WATCHED],
-        input=LOCAL,
-        env={**cli.environment, "HOME": str(home), "XDG_CACHE_HOME": str(home / "cache")},
-        cwd=cli.folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    environment = {**cli.environment, "HOME": str(home), "XDG_CACHE_HOME": str(home / "cache")}
+    watched = [sys.executable, "-c", WATCHED]
+    done = finished(watched, cli.folder, input=LOCAL, env=environment)
     assert done.returncode == 0, done.stderr
     # Where onnxruntime would keep what it is about to send, by a library that opens no connection
     # of Python's.

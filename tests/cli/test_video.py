@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import subprocess
 import time
 from fractions import Fraction
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from helpers.command_line import Cli, unmeasured
+from helpers.command_line import Cli, finished, unmeasured
 from helpers.folders import here, printed
 from helpers.tiny import write_model
 from helpers.videos import NTSC, encode, flat_frames, write_ramp, write_video
@@ -127,16 +126,10 @@ def test_a_full_disk_is_an_error_and_leaves_nothing(cli: Cli, name: str) -> None
         "sys.exit(main(sys.argv[1:]))\n"
     )
     command = cli.command("video", "noise.avi", "--out", "out/", "--format", name)
-    done = subprocess.run(
-        [command[0], "-c", limited, *command[3:]],
-        cwd=cli.folder,
-        env=unmeasured(cli.environment),
-        capture_output=True,
-        check=False,
-        timeout=60,
-    )
+    command[1:3] = ["-c", limited]
+    done = finished(command, cli.folder, env=unmeasured(cli.environment))
     assert done.returncode == 1, done.stderr
-    assert len(done.stderr.decode().splitlines()) == 1
+    assert len(done.stderr.splitlines()) == 1
     assert here(cli) == {"noise.avi"}
 
 

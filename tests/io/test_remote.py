@@ -4,7 +4,6 @@ import io
 import json
 import os
 import pickle
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from helpers.batches import row
+from helpers.command_line import ROOT, finished
 from helpers.stores import KEYS, Bucket, Faults, remote
 from helpers.web import Server
 
@@ -192,17 +192,9 @@ def test_request_that_keeps_failing_is_an_error(
 def test_without_the_extra_one_line_says_how_to_get_it(tmp_path: Path) -> None:
     blocked = tmp_path / "obstore.py"
     blocked.write_text("raise ModuleNotFoundError('no', name='obstore')")
-    done = subprocess.run(
-        [sys.executable, "-m", "depthcli", "predict", "s3://bucket/a.jpg", "-o", "x.png"],
-        env={
-            **os.environ,
-            "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}",
-        },
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=Path(__file__).parents[2],
-    )
+    words = [sys.executable, "-m", "depthcli", "predict", "s3://bucket/a.jpg", "-o", "x.png"]
+    path = f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+    done = finished(words, ROOT, env={**os.environ, "PYTHONPATH": path})
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
     assert done.stderr.startswith("depthcli: error: s3://bucket/")

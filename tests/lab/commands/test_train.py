@@ -8,7 +8,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from helpers.runs import finished, inside, write_run
+from helpers.command_line import finished
+from helpers.runs import ENVIRONMENT, inside, write_run
 
 from depthcli.cli.app import main
 from depthcli.cli.options import ScreenOptions
@@ -34,7 +35,7 @@ def _train(folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
 def test_trains_stops_continues_and_reports(folder: Path) -> None:
     settings = ("--set", "validate_every=1")
     command = [sys.executable, "-m", "depthcli", "train", *COMMON]
-    stopped = finished([*command, *settings, "--max-minutes", "0"], folder)
+    stopped = finished([*command, *settings, "--max-minutes", "0"], folder, env=ENVIRONMENT)
     assert stopped.returncode == 0, stopped.stderr
     assert stopped.stdout == ""
     done = _train(folder, *settings, "--json")

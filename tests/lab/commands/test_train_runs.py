@@ -8,9 +8,9 @@ import time
 from pathlib import Path
 
 import pytest
-from helpers.command_line import unmeasured
+from helpers.command_line import finished, unmeasured
 from helpers.file_trees import contents
-from helpers.runs import ENVIRONMENT, RESNET_TOML, finished, inside, same, saved, write_run
+from helpers.runs import ENVIRONMENT, RESNET_TOML, inside, same, saved, write_run
 
 EPOCHS = ("cyclegan", "--set", "optim.epochs_decay=3", "--set", "validate_every=99", "--quiet")
 """Twenty steps in four epochs."""
