@@ -143,10 +143,9 @@ def faults(bucket: Bucket, monkeypatch: pytest.MonkeyPatch) -> Iterator[Faults]:
     """A way to the bucket's server that can be made to fail; it is the one that is used."""
     from helpers.stores import Faults  # noqa: PLC0415
 
-    proxy = Faults(bucket.endpoint)
-    monkeypatch.setenv("AWS_ENDPOINT_URL", proxy.endpoint)
-    yield proxy
-    proxy.close()
+    with Faults(bucket.endpoint) as proxy:
+        monkeypatch.setenv("AWS_ENDPOINT_URL", proxy.endpoint)
+        yield proxy
 
 
 @pytest.fixture

@@ -1,18 +1,17 @@
 """The examples of docs/extending.md, put where they say in a copy of the package, and used."""
 
 import json
-import os
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from helpers.command_line import finished
 from helpers.rooms import large_rooms, rooms, write_rooms
-from helpers.runs import EFFICIENT_TOML
+from helpers.runs import EFFICIENT_TOML, ENVIRONMENT
 from helpers.videos import flat_frames, write_mp4
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,15 +43,8 @@ class Extended(NamedTuple):
 
     def run(self, *words: str, exit_code: int = 0) -> str:
         """What Python prints, in the folder of the copy."""
-        done = subprocess.run(
-            [sys.executable, *words],
-            cwd=self.folder,
-            env={**os.environ, "PYTHONPATH": str(self.folder), "CUDA_VISIBLE_DEVICES": ""},
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=120,
-        )
+        environment = {**ENVIRONMENT, "PYTHONPATH": str(self.folder)}
+        done = finished([sys.executable, *words], self.folder, env=environment)
         assert done.returncode == exit_code, done.stderr
         return done.stdout
 
@@ -144,20 +136,10 @@ def test_transcript_of_a_method_and_a_loss_from_outside(extended: Extended) -> N
     folder, page = extended.folder, (ROOT / "docs" / "extending.md").read_text("utf-8")
     section = page.partition("## From outside the package")[2].partition("\n## ")[0]
     for name in ("pairs", "test"):
-        made = write_rooms(folder / name)
-        for path in (*made.glob("rgb/*"), *made.glob("depth/*")):
-            path.rename(path.with_name(f"a{path.name}"))  # other names than those of NYU
-        index = (made / "index.csv").read_text()
-        (made / "index.csv").write_text(index.replace("\n0", "\na0"))
+        write_rooms(folder / name, prefix="a")  # other names than those of NYU
     (folder / "tiny.toml").write_text(TINY)
     commands = re.findall(r"^depthcli (.+)$", section, re.MULTILINE)
-    assert [line.split()[0] for line in commands] == [
-        "train",
-        "export-onnx",
-        "eval",
-        "eval",
-        "eval",
-    ]
+    assert [line.split()[0] for line in commands] == ["train", "export-onnx", *["eval"] * 3]
     told = ""
     for line in commands:
         words, _, file = line.partition(" >")

@@ -3,22 +3,15 @@
 import os
 import re
 import shutil
-import socket
-import subprocess
 import sys
 
 import pytest
-from helpers.command_line import ROOT, Cli
+from helpers.command_line import ROOT, Cli, finished
 from helpers.tiny import synthetic_image
 from helpers.videos import write_mp4
-from helpers.web import Camera
+from helpers.web import Camera, free_port
 
 COMMANDS = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-
-
-def free_port() -> str:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        return str(taken.getsockname()[1])
 
 
 @pytest.mark.skipif(not shutil.which("curl") or not shutil.which("timeout"), reason="needs curl")
@@ -31,18 +24,13 @@ def test_the_commands_run(cli: Cli) -> None:
     program.write_text(f'#!/bin/sh\nexec {sys.executable} -m depthcli "$@"\n')
     program.chmod(0o755)
     script = "".join(COMMANDS.findall((ROOT / "docs" / "tour.md").read_text("utf-8")))
-    script = script.replace("serve &", "serve --port 8000 &").replace("8000", free_port())
+    script = script.replace("serve &", "serve --port 8000 &").replace("8000", str(free_port()))
     with Camera() as camera:
         script = script.replace("video 0", f"video {camera.url} --live")
-        script = script.replace("8080", free_port())
-        done = subprocess.run(
-            ["timeout", "100", "bash", "-ec", f"trap 'kill $(jobs -p)' ERR\n{script}"],
-            capture_output=True,
-            cwd=cli.folder,
-            env={**cli.environment, "PATH": f"{program.parent}:{os.environ['PATH']}"},
-            check=False,
-            text=True,
-        )
+        script = script.replace("8080", str(free_port()))
+        command = ["timeout", "100", "bash", "-ec", f"trap 'kill $(jobs -p)' ERR\n{script}"]
+        path = {"PATH": f"{program.parent}:{os.environ['PATH']}"}
+        done = finished(command, cli.folder, env=cli.environment | path)
     assert done.returncode == 0, done.stderr
     assert 'depthcli_requests_total{status="200"} 1.0' in done.stdout
     written = {str(path.relative_to(cli.folder)) for path in cli.folder.rglob("*.*")}

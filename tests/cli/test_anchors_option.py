@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from helpers import made
@@ -112,29 +111,19 @@ def test_points_of_one_image_for_several_are_a_warning_that_names_batch(inside: 
     assert b"'depthcli batch'" in refused.stderr
 
 
-def write_kitti(path: Path, height: int = 48, width: int = 64) -> None:
-    """2 m at every fourth pixel, 256 units per metre, which the PNG does not state."""
-    steps = np.zeros((height, width), np.uint16)
-    steps[::2, ::2] = 512
-    path.parent.mkdir(exist_ok=True)
-    assert cv2.imwrite(str(path), steps)
-
-
-def assumed_in(name: str) -> str:
-    assumed = "states no scale, so millimetres are assumed"
-    return f"{name} {assumed}; --anchors-scale states another"
-
-
 def test_an_assumed_scale_is_a_warning(inside: Cli) -> None:
-    write_image(inside.folder / "room.png", synthetic_image())
-    write_kitti(inside.folder / "kitti.png")
+    """2 m at every fourth pixel, 256 units per metre, which the PNG does not state."""
+    assumed = "kitti.png states no scale, so millimetres are assumed"
+    assumed += "; --anchors-scale states another"
+    steps = np.zeros((48, 64), np.uint16)
+    steps[::2, ::2] = 512
+    write_image(inside.folder / "room.png")
+    write_image(inside.folder / "kitti.png", steps)
     words = ("predict", "room.png", "--anchors", "kitti.png", "-o", "d.npy", "--overwrite")
     (told,) = printed(inside(*words, "--json"))
-    assert told["warnings"] == [assumed_in("kitti.png")]
+    assert told["warnings"] == [assumed]
     assert told["median"] == pytest.approx(0.512, rel=1e-3)
-    assert inside(*words).stderr.decode() == (
-        f"depthcli: warning: room.png: {assumed_in('kitti.png')}\n"
-    )
+    assert inside(*words).stderr.decode() == f"depthcli: warning: room.png: {assumed}\n"
     (told,) = printed(inside(*words, "--anchors-scale", "256", "--json"))
     assert (told["warnings"], told["median"]) == ([], pytest.approx(2, rel=1e-3))
     assert inside("convert", "d.npy", "stated.png", "--png-scale", "256").returncode == 0
@@ -184,13 +173,11 @@ def test_changed_known_depth_is_done_again(inside: Cli) -> None:
     batch = ("batch", "in", "--out", "out", "--anchors", "known")
 
     def kept() -> list[bool]:
-        done = inside(*batch, "--json", code=0)
-        found = [json.loads(line) for line in done.stdout.splitlines()]
+        found = printed(inside(*batch, "--json", code=0))
         return [row["kept"] for row in sorted(found, key=lambda row: str(row["input"]))]
 
     def would() -> list[str]:
-        lines = inside(*batch, "--dry-run", "--json").stdout.splitlines()
-        return [json.loads(line)["would"] for line in lines]
+        return [row["would"] for row in printed(inside(*batch, "--dry-run", "--json"))]
 
     assert (kept(), kept(), would()) == ([False, False], [True, True], ["keep", "keep"])
     (known / "a.csv").write_text("x,y,depth_m\n5,4,3\n")
@@ -215,24 +202,15 @@ def test_a_batch_takes_a_folder_and_no_videos(inside: Cli) -> None:
     assert rows(inside, "out")["a.png"]["status"] == "ok"
 
 
-@pytest.mark.parametrize("name", ["a.depth.png", "a.depth.npy"])
-def test_a_batch_does_not_replace_known_depth(inside: Cli, name: str) -> None:
+@pytest.mark.parametrize(("name", "format_"), [("a.depth.png", "png16"), ("a.depth.npy", "npy")])
+def test_a_batch_does_not_replace_known_depth(inside: Cli, name: str, format_: str) -> None:
     write_image(inside.folder / "in" / "a.jpg", synthetic_image())
-    suffix = name.removeprefix("a.depth.")
     known_m = sparse_twice(inside, "in/a.jpg")
     np.save(inside.folder / "known.npy", known_m)
     (inside.folder / "known").mkdir()
     assert inside("convert", "known.npy", f"known/{name}").returncode == 0
     before = (inside.folder / "known" / name).read_bytes()
-    words = (
-        "in",
-        "-o",
-        "known",
-        "--anchors",
-        "known",
-        "--format",
-        {"png": "png16"}.get(suffix, suffix),
-    )
+    words = ("in", "-o", "known", "--anchors", "known", "--format", format_)
     for extra in ((), ("--dry-run",)):
         done = inside("batch", *words, *extra, code=1)
         assert b"is its known depth; choose another --out" in done.stdout + done.stderr

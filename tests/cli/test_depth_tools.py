@@ -1,13 +1,13 @@
 """``depthcli info``, ``probe`` and ``convert``."""
 
 import json
-import struct
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from helpers.command_line import Cli
+from helpers.made import exif, jpeg_with_exif
 from helpers.tiny import write_image
 from helpers.videos import write_depth_video
 
@@ -49,9 +49,7 @@ def test_info_states_unit_scale_and_range(inside: Cli) -> None:
 @pytest.mark.parametrize("name", ["d.npy", "d.exr", "d.png"])
 def test_info_includes_metadata_of_the_sidecar(inside: Cli, name: str) -> None:
     path = write_image(inside.folder / "held.jpg")
-    orientation_6 = b"II*\0\x08\0\0\0" + struct.pack("<HHHIII", 1, 0x0112, 3, 1, 6, 0)
-    segment = b"\xff\xe1" + struct.pack(">H", 8 + len(orientation_6)) + b"Exif\0\0" + orientation_6
-    path.write_bytes(b"\xff\xd8" + segment + path.read_bytes()[2:])
+    path.write_bytes(jpeg_with_exif(path.read_bytes(), exif(6)))
     assert inside("predict", "held.jpg", "-o", name, "--sidecar").returncode == 0
     stated = json.loads(inside("info", name, "--json").stdout)["metadata"]
     assert (stated["orientation"], stated["model"]) == ("6", "tiny")

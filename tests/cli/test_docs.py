@@ -25,14 +25,18 @@ def written_pages() -> str:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_and_option_is_in_the_documentation(name: str) -> None:
+def test_every_command_and_option_has_help_and_is_in_the_documentation(name: str) -> None:
     text = written_pages()
     assert f"depthcli {name}" in text
     pending = [shell.load_command(name)]
     while pending:
         command = pending.pop()
         pending.extend(getattr(command, "commands", {}).values())
+        assert command.help
+        if not hasattr(command, "commands"):
+            assert any("--debug" in parameter.opts for parameter in command.params)
         for parameter in command.params:
+            assert parameter.help, parameter.name
             for option in parameter.opts:
                 stated = re.search(rf"`{re.escape(option)}(?![\w-])", text)
                 assert stated or not option.startswith("-"), option
@@ -65,13 +69,10 @@ def _commands() -> list[list[str]]:
             if named := re.fullmatch(r'(\w+)="(.*)"', line):
                 values[f"${named[1]}"] = named[2]
             elif line.startswith("depthcli train"):
-                found.append(shlex.split(_filled(line, values), comments=True)[2:])
+                filled = re.sub(r"\$\w+", lambda named: values[named[0]], line)
+                filled = re.sub(r"=N\b", "=69", filled)
+                found.append(shlex.split(filled, comments=True)[2:])
     return found
-
-
-def _filled(line: str, values: dict[str, str]) -> str:
-    line = re.sub(r"\$\w+", lambda named: values[named[0]], line)
-    return re.sub(r"=N\b", "=69", line)
 
 
 def _alone(words: list[str]) -> list[list[str]]:

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.command_line import Cli
-from helpers.tiny import synthetic_image, write_model
+from helpers.tiny import synthetic_image, write_image, write_model
 from helpers.videos import write_video
 
 import depthcli
@@ -22,7 +22,7 @@ def unsure(inside: Cli) -> Cli:
     output = {"kind": "relative", "transform": "linear", "scale": 0.05, "shift": 0.1}
     write_model(inside.models / "unsure", name="unsure", output=output)
     write_model(inside.models / "default", error_model="unsure", camera={"hfov_deg": 60.0})
-    cv2.imwrite(str(inside.folder / "a.png"), IMAGE[..., ::-1])
+    write_image(inside.folder / "a.png", IMAGE)
     return inside
 
 
@@ -108,9 +108,8 @@ def test_what_has_no_error_says_so(unsure: Cli) -> None:
 
 
 def test_a_batch_writes_the_error_of_each(unsure: Cli) -> None:
-    (unsure.folder / "in").mkdir()
     for i in range(3):
-        cv2.imwrite(str(unsure.folder / f"in/{i}.png"), IMAGE[..., ::-1] // (i + 1))
+        write_image(unsure.folder / f"in/{i}.png", IMAGE // (i + 1))
     unsure("batch", "in", "-o", "out", "--format", "error", code=0)
     medians = [
         np.median(cv2.imread(str(unsure.folder / f"out/{i}.error.png"), cv2.IMREAD_UNCHANGED))

@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from helpers import made
 from helpers.command_line import Cli
 from helpers.folders import contents, printed, rows, tree
 from helpers.heifs import heic, pillow_heif
@@ -21,19 +22,15 @@ def test_the_depth_is_that_of_the_same_pixels(inside: Cli) -> None:
     (inside.folder / "a.heic").write_bytes(HEIC)
     Image.fromarray(np.asarray(pillow_heif.open_heif(HEIC))).save(inside.folder / "b.png")
     assert not inside("predict", "a.heic", "b.png", "-o", "out/", "--format", "npy", code=0).stderr
-    made = contents(inside, "out")
-    assert made["a.depth.npy"] == made["b.depth.npy"]
-    assert (
-        inside("predict", "-", "-o", "-", "--format", "npy", stdin=HEIC).stdout
-        == (made["a.depth.npy"])
-    )
+    outputs = contents(inside, "out")
+    assert outputs["a.depth.npy"] == outputs["b.depth.npy"]
+    piped = inside("predict", "-", "-o", "-", "--format", "npy", stdin=HEIC).stdout
+    assert piped == outputs["a.depth.npy"]
 
 
 def test_the_focal_length_in_exif_is_used_as_that_of_a_jpeg(inside: Cli) -> None:
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    exif.get_ifd(0x8769)[0xA405] = 26
-    (inside.folder / "a.heic").write_bytes(heic(IMAGE, exif=exif.tobytes()))
+    exif = b"Exif\0\0" + made.exif(6, focal_35mm=26)
+    (inside.folder / "a.heic").write_bytes(heic(IMAGE, exif=exif))
     Image.fromarray(IMAGE).save(inside.folder / "b.jpg", exif=exif)
     done = inside("predict", "a.heic", "b.jpg", "--format", "png16", "--json")
     facts = [(one["width"], one["height"], one["camera"]) for one in printed(done)]

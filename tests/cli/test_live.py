@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from helpers.command_line import Cli
 from helpers.videos import NTSC, encode, flat_frames, write_video
-from helpers.web import Camera
+from helpers.web import Camera, free_port
 
 from depthcli.errors import InputError, UsageError
 from depthcli.video.container import live_stream
@@ -195,11 +195,6 @@ def test_a_pipe_is_read_live_until_it_ends_or_ctrl_c(
     steps = list(DepthVideo(cli.folder / facts["outputs"][0]).steps())
     assert len(steps) == facts["frames"] == len(list(cli.folder.glob("out/*.npy")))
     assert facts["live"]["received"] == facts["frames"] + facts["live"]["dropped"] or is_stopped
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        return int(taken.getsockname()[1])
 
 
 def is_open(port: int) -> bool:

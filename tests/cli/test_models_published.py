@@ -43,8 +43,7 @@ def part(cli: Cli) -> Path:
 
 def test_model_is_downloaded_added_and_runs(cli: Cli, server: FileServer) -> None:
     card = write_published(cli, server.url, **pinned(server.data))
-    added = cli("models", "add", card)
-    assert added.returncode == 0, added.stderr
+    added = cli("models", "add", card, code=0)
     assert all(fact in added.stderr.decode() for fact in (server.url, "0.0 MB", "licence MIT"))
     assert "metres need no focal length" in added.stderr.decode()
     write_image(cli.folder / "a.png")
@@ -52,8 +51,7 @@ def test_model_is_downloaded_added_and_runs(cli: Cli, server: FileServer) -> Non
     assert used["model_sha256"] == hashlib.sha256(server.data).hexdigest()
     assert not part(cli).exists()
     assert server.starts == [0]
-    again = cli("models", "add", card)
-    assert again.returncode == 2  # the name is taken
+    cli("models", "add", card, code=2)  # the name is taken
     assert server.starts == [0]
 
 
@@ -61,8 +59,7 @@ def test_model_is_downloaded_added_and_runs(cli: Cli, server: FileServer) -> Non
 def test_interrupted_download_goes_on(inside: Cli, server: FileServer, has_ranges: bool) -> None:
     card = write_published(inside, server.url, **pinned(server.data))
     server.cut_after = 50
-    cut = inside("models", "add", card, **AT_ONCE)
-    assert cut.returncode == 3
+    cut = inside("models", "add", card, **AT_ONCE, code=3)
     assert cut.stderr.splitlines()[-1].count(server.url.encode()) == 1
     assert part(inside).read_bytes() == server.data[:50]
     assert not (inside.models / "far").exists()
@@ -96,8 +93,7 @@ def test_complete_part_is_not_downloaded_again(inside: Cli, server: FileServer) 
 def test_file_with_another_checksum_is_refused(inside: Cli, server: FileServer) -> None:
     card = write_published(inside, server.url, **pinned(server.data))
     good, server.data = server.data, server.data + b"\x72\x00"  # an empty metadata entry
-    refused = inside("models", "add", card)
-    assert refused.returncode == 3
+    refused = inside("models", "add", card, code=3)
     assert hashlib.sha256(server.data).hexdigest().encode() in refused.stderr
     assert str(part(inside)).encode() not in refused.stderr
     assert not (inside.models / "far").exists()
@@ -107,8 +103,7 @@ def test_file_with_another_checksum_is_refused(inside: Cli, server: FileServer) 
 
 def test_checksum_that_is_not_published_is_recorded(inside: Cli, server: FileServer) -> None:
     part(inside).write_bytes(b"the beginning of another file")
-    added = inside("models", "add", write_published(inside, server.url), "--json")
-    assert added.returncode == 0, added.stderr
+    added = inside("models", "add", write_published(inside, server.url), "--json", code=0)
     told = json.loads(added.stdout)
     assert told["sha256"] == hashlib.sha256(server.data).hexdigest()
     assert (told["url"], told["license"]) == (server.url, "MIT")
@@ -118,8 +113,7 @@ def test_checksum_that_is_not_published_is_recorded(inside: Cli, server: FileSer
 
 def test_without_network_the_address_is_said(inside: Cli, server: FileServer) -> None:
     server.__exit__(None, None, None)
-    failed = inside("models", "add", write_published(inside, server.url), **AT_ONCE)
-    assert failed.returncode == 3
+    failed = inside("models", "add", write_published(inside, server.url), **AT_ONCE, code=3)
     (line,) = failed.stderr.splitlines()[1:]
     assert server.url.encode() in line
     assert b"--card far.json" in line
@@ -136,8 +130,7 @@ def test_two_processes_do_not_write_one_download(inside: Cli, server: FileServer
 def test_card_without_address_says_where_weights_are(inside: Cli) -> None:
     fields = json.loads(inside("models", "show", "fastdepth").stdout)
     (inside.folder / "mine.json").write_text(json.dumps(fields | {"weights": {"page": PAGE}}))
-    refused = inside("models", "add", "mine.json")
-    assert refused.returncode == 2
+    refused = inside("models", "add", "mine.json", code=2)
     assert PAGE.encode() in refused.stderr
 
 
@@ -147,8 +140,7 @@ def test_every_ready_card_states_an_address_that_a_hint_names(inside: Cli, image
     for name, weights in stated.items():
         assert weights["page"]
         assert "source" in weights or "url" not in weights
-        failed = inside("predict", image, "--model", name)
-        assert failed.returncode == 3
+        failed = inside("predict", image, "--model", name, code=3)
         assert (weights.get("url") or weights["page"]).encode() in failed.stderr
 
 
@@ -186,8 +178,7 @@ def test_a_mirror_of_the_hub_is_asked_with_the_token(inside: Cli, server: FileSe
 )
 def test_a_ready_card_without_a_file_says_how_to_make_one(name: str, inside: Cli) -> None:
     """7 cards ended with "onnx.opset is missing", 15 stated no command."""
-    refused = inside("models", "add", name)
-    assert refused.returncode == 2
+    refused = inside("models", "add", name, code=2)
     for words in ("states no address of an ONNX file", f"'depthcli models cards {name}'"):
         assert words.encode() in refused.stderr
     card = ready_card(name)

@@ -3,11 +3,11 @@
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 import OpenEXR
 import pytest
 from helpers.command_line import Cli
+from helpers.tiny import write_image
 
 RNG = np.random.default_rng(0)
 SENSOR = RNG.integers(0, 4096, (48, 64, 3), dtype=np.uint16)
@@ -19,8 +19,7 @@ def folder(inside: Cli) -> Path:
     """Two images of 12 bits in ``low``, and the same ones over the whole range in ``full``."""
     for number, pixels in enumerate((SENSOR, SENSOR[::-1])):
         for name, stored in (("low", pixels), ("full", np.rint(pixels * (65535 / 4095)))):
-            (inside.folder / name).mkdir(exist_ok=True)
-            cv2.imwrite(str(inside.folder / name / f"f{number}.png"), stored.astype(np.uint16))
+            write_image(inside.folder / name / f"f{number}.png", stored.astype(np.uint16))
     return inside.folder
 
 
@@ -44,7 +43,7 @@ def test_depth_is_that_of_the_whole_range(command: str, folder: Path, inside: Cl
 def test_images_that_end_at_a_sensor_s_white_name_the_option(folder: Path, inside: Cli) -> None:
     pixels = np.minimum(SENSOR, 1023)
     for number in range(2):
-        cv2.imwrite(str(folder / "low" / f"f{number}.png"), pixels)
+        write_image(folder / "low" / f"f{number}.png", pixels)
     advice = "give --white-level 1023"
     done = inside("predict", "low/f0.png", "-o", "a.exr")
     assert done.stderr.decode().count(advice) == 1

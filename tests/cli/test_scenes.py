@@ -33,11 +33,12 @@ def assert_is_true(depth: Any, low: int) -> None:
     np.testing.assert_allclose(depth[:, 4:-4], true_depth(low)[:, 4:-4], rtol=0.01)
 
 
-def write_scene(cli: Cli) -> None:
+@pytest.fixture
+def scene(inside: Cli) -> Cli:
     """Images, and a reconstruction of points on their surfaces; cameras look along z."""
     points, lines = [], []
     for number, (name, low) in enumerate(NAMES.items(), 1):
-        write_image(cli.folder / "images" / name, ramp(low))
+        write_image(inside.folder / "images" / name, ramp(low))
         depth, seen = true_depth(low), []
         for y, x in np.ndindex(5, 6):
             row, column = 4 + 9 * y, 4 + 10 * x
@@ -45,16 +46,11 @@ def write_scene(cli: Cli) -> None:
             points.append(f"{len(points) + 1} {(column - 32) * z / 50} {(row - 24) * z / 50} {z}")
             seen.append(f"{column + 0.5} {row + 0.5} {len(points)}")
         lines += [f"{number} 1 0 0 0 0 0 0 1 {name}", " ".join(seen)]
-    folder = cli.folder / "sparse/0"
+    folder = inside.folder / "sparse/0"
     folder.mkdir(parents=True)
     (folder / "cameras.txt").write_text(f"1 PINHOLE {WIDTH} {HEIGHT} 50 50 32.5 24.5\n")
     (folder / "images.txt").write_text("\n".join(lines))
     (folder / "points3D.txt").write_text("".join(f"{point} 9 9 9 0.5\n" for point in points))
-
-
-@pytest.fixture
-def scene(inside: Cli) -> Cli:
-    write_scene(inside)
     return inside
 
 

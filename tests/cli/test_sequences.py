@@ -1,7 +1,6 @@
 """Image sequences: patterns and folders."""
 
 import json
-import subprocess
 from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from helpers.command_line import Cli
+from helpers.folders import printed
 from helpers.plates import OVERSCAN, write_plate
 from helpers.videos import encode, flat_frames
 from PIL import Image
@@ -43,10 +43,6 @@ def plates(folder: Path, numbers: range, rate: Fraction | None = FILM) -> str:
     for number in numbers:
         write_exr(folder / f"plate.{number:04d}.exr", 0.1 + (number % 10) / 20, rate)
     return f"{folder.name}/plate.%04d.exr"
-
-
-def report(done: subprocess.CompletedProcess[bytes]) -> Any:
-    return json.loads(done.stdout)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +191,8 @@ def test_plates_become_a_depth_video_and_depth_plates(inside: Cli) -> None:
     pattern = plates(inside.folder / "shot", range(1001, 1007))
     done = inside("video", pattern, "--out", "d.mkv", "--json")
     assert (done.returncode, done.stderr) == (0, b"")
-    assert (report(done)["frames"], report(done)["fps"]) == (6, "24000/1001")
+    (facts,) = printed(done)
+    assert (facts["frames"], facts["fps"]) == (6, "24000/1001")
     video = DepthVideo(inside.folder / "d.mkv")
     assert video.rate == FILM
     steps = list(video.steps())
@@ -228,7 +225,7 @@ def test_a_damaged_first_plate_costs_no_other(damage: bytes | None, inside: Cli)
     first = inside.folder / "shot" / "plate.1001.exr"
     first.write_bytes(first.read_bytes()[:-500] if damage is None else damage)
     done = inside("video", pattern, "--out", "a.%d.png", "--json")
-    facts = report(done)
+    (facts,) = printed(done)
     assert (done.returncode, facts["status"], facts["fps"]) == (1, "incomplete", "24000/1001")
     assert {path.name for path in inside.folder.glob("a.*")} == {f"a.100{n}.png" for n in (2, 3, 4)}
     assert not inside("video", pattern, "--start", "1002f", "--out", "b.%d.png", code=0).stderr

@@ -208,8 +208,7 @@ def test_answers_503_when_an_image_takes_too_long(cli: Cli) -> None:
 
 
 def test_addresses_that_others_reach_need_a_token(cli: Cli) -> None:
-    refused = cli("serve", "--host", ANY_ADDRESS, "--port", "0")
-    assert refused.returncode == 2
+    cli("serve", "--host", ANY_ADDRESS, "--port", "0", code=2)
     with serving(cli, "--host", ANY_ADDRESS, DEPTHCLI_TOKEN="secret") as server:  # noqa: S106
         local = server._replace(address=server.address.replace(ANY_ADDRESS, "127.0.0.1"))
         pod = {"Host": "10.0.0.5:8000"}  # as kubelet: kubeflow/mcp-server#91
@@ -342,10 +341,7 @@ def test_a_temporary_folder_that_cannot_be_written_is_no_fault_of_an_image(cli: 
     assert (done.returncode, b"TMPDIR" in done.stderr, done.stderr.count(b"\n")) == (1, True, 1)
     with serving(cli) as server:
         resource.prlimit(server.process.pid, resource.RLIMIT_FSIZE, (0, 0))
-        form = b'--x\r\nContent-Disposition: form-data; name="image"; filename="a"\r\n\r\n'
-        kind = {"Content-Type": "multipart/form-data; boundary=x"}
-        large = server.predict(form + LARGE + b"\r\n--x--\r\n", kind)
-        replies = [server.predict(png()), large]
+        replies = [server.predict(png()), server.predict(*form_of(image=("a", LARGE)))]
         assert [(r.status, b"temporary" in r.body) for r in replies] == [(500, True)] * 2
         assert b'{status="500"} 2.0' in server.ask("/metrics").body
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 import typer
-from helpers.command_line import ROOT, Cli, unmeasured
+from helpers.command_line import ROOT, Cli, finished, unmeasured
 from helpers.folders import tree
 from helpers.tiny import endless_onnx, write_image, write_model
 
@@ -26,6 +26,11 @@ from depthcli.cli.shell import ending_signals, graceful_shutdown
 from depthcli.cli.table import COMMANDS
 from depthcli.errors import InputError
 from robustness import killed
+
+
+def in_bash(cli: Cli, line: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A line of the shell that was run in the command's folder."""
+    return finished(["bash", "-c", line], cli.folder, env=cli.environment | environment)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no /dev/full")
@@ -41,16 +46,7 @@ from robustness import killed
 )
 def test_results_that_stdout_does_not_take_are_an_error(cli: Cli, words: str, stream: str) -> None:
     write_image(cli.folder / "in" / "a.png")
-    line = f"{shlex.join(cli.command(*words.split()))} {stream}"
-    done = subprocess.run(
-        ["bash", "-c", line],
-        cwd=cli.folder,
-        env=cli.environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    done = in_bash(cli, f"{shlex.join(cli.command(*words.split()))} {stream}")
     assert done.returncode == 1
     assert "cannot write standard output" in done.stderr.splitlines()[-1]
     assert (cli.folder / "out" / "manifest.jsonl").exists() == words.startswith("batch")
@@ -68,10 +64,7 @@ def test_the_exit_code_does_not_depend_on_standard_error(
     """The last warns. It was 120 or 134, as Python cleaned up while the model loaded."""
     write_image(cli.folder / "a.png")
     line = f"{shlex.join(cli.command(*words.split()))} {stream}"
-    done = subprocess.run(
-        ["bash", "-c", line], cwd=cli.folder, env=cli.environment, check=False, timeout=60
-    )
-    assert done.returncode == code
+    assert in_bash(cli, line).returncode == code
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are Linux's")
@@ -79,8 +72,7 @@ def test_too_little_memory_is_no_crash(cli: Cli) -> None:
     """OpenBLAS could not start its threads, and ended the process by a signal."""
     write_image(cli.folder / "a.png")
     line = f"ulimit -v 480000; {shlex.join(cli.command('info', 'a.png'))}"
-    environment = unmeasured(cli.environment)
-    done = subprocess.run(["bash", "-c", line], cwd=cli.folder, env=environment, check=False)
+    done = finished(["bash", "-c", line], cli.folder, env=unmeasured(cli.environment))
     assert done.returncode in {1, 3}
 
 
@@ -90,25 +82,15 @@ def test_a_disk_that_gets_full_is_an_error_without_buffers(cli: Cli, words: str)
     write_image(cli.folder / "a.png")
     (cli.folder / "almost").write_bytes(bytes(2**20 - 100))
     line = shlex.join(cli.command("predict", "a.png", *words.split()))
-    done = subprocess.run(
-        ["bash", "-c", f"ulimit -f 1024; {line} >>almost"],
-        cwd=cli.folder,
-        env=cli.environment | {"PYTHONUNBUFFERED": "1"},
-        check=False,
-        timeout=60,
-    )
+    done = in_bash(cli, f"ulimit -f 1024; {line} >>almost", PYTHONUNBUFFERED="1")
     assert done.returncode == 1
 
 
 def test_no_file_takes_the_place_of_a_closed_stream(cli: Cli) -> None:
     script = "import os, sys; from depthcli.cli.app import open_streams; open_streams()\n"
     script += "assert os.open(sys.argv[1], os.O_RDONLY) > 2"
-    done = subprocess.run(
-        ["bash", "-c", f"{shlex.join([sys.executable, '-c', script, __file__])} <&- >&- 2>&-"],
-        env=cli.environment | {"PYTHONPATH": os.fspath(cli.site)},
-        check=False,
-    )
-    assert done.returncode == 0
+    line = f"{shlex.join([sys.executable, '-c', script, __file__])} <&- >&- 2>&-"
+    assert in_bash(cli, line).returncode == 0
 
 
 def test_control_characters_are_escaped(capsys: pytest.CaptureFixture[str]) -> None:
@@ -277,16 +259,11 @@ def test_ctrl_c_is_silent(
 def test_an_image_that_is_larger_than_the_memory_costs_only_itself(cli: Cli) -> None:
     words = ("predict", "large.png", "small.png", "-o", "out/", "--format", "png16")
     tests = os.path.join(os.path.dirname(__file__), "..")  # noqa: PTH118, PTH120
-    done = subprocess.run(
-        [sys.executable, "-c", LITTLE_MEMORY, *words],
-        cwd=cli.folder,
-        env=unmeasured(cli.environment) | {"PYTHONPATH": os.pathsep.join((str(cli.site), tests))},
-        capture_output=True,
-        check=False,
-        timeout=60,
-    )
+    path = {"PYTHONPATH": os.pathsep.join((str(cli.site), tests))}
+    command = [sys.executable, "-c", LITTLE_MEMORY, *words]
+    done = finished(command, cli.folder, env=unmeasured(cli.environment) | path)
     assert done.returncode == 1, done.stderr
-    assert re.search(rb"large\.png:? does not fit into memory; make it smaller", done.stderr)
+    assert re.search(r"large\.png:? does not fit into memory; make it smaller", done.stderr)
     assert [path.name for path in (cli.folder / "out").iterdir()] == ["small.depth.png"]
 
 
@@ -299,11 +276,8 @@ def test_progress_as_json_is_lines_on_standard_error(inside: Cli) -> None:
     assert [lines[-1][key] for key in ("done", "total", "seconds_left")] == [3, 3, 0]
     assert lines[-1]["file"] in {"a.png", "b.png", "c.png"}
     assert lines[-1]["rate"] > 0
-    refused = inside("batch", "in", "-o", "out", "--progress", "xml")
-    assert (refused.returncode, b"'xml' is not one of 'auto', 'json'" in refused.stderr) == (
-        2,
-        True,
-    )
+    refused = inside("batch", "in", "-o", "out", "--progress", "xml", code=2)
+    assert b"'xml' is not one of 'auto', 'json'" in refused.stderr
 
 
 @pytest.mark.parametrize(("words", "level"), [(("-v",), ""), ((), "info"), ((), "")])

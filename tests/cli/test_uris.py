@@ -2,11 +2,10 @@
 
 import hashlib
 import json
-import subprocess
 import sys
 from pathlib import Path
 
-from helpers.command_line import Cli
+from helpers.command_line import Cli, finished
 from helpers.rooms import large_rooms, write_rooms
 from helpers.runs import RESNET_TOML
 from helpers.stores import KEYS, Bucket, Faults, credentials_checked
@@ -71,8 +70,7 @@ def test_a_model_is_added_from_its_url(inside: Cli, bucket: Bucket, faults: Faul
     assert f"--sha256 {digest}" in again.stderr.decode()
     assert all(method == "GET" for method, _ in faults.seen)
     assert inside("models", "add", url, "--sha256", "abc").returncode == 3
-    gone = inside("models", "add", f"{url}x", "--name", "gone")
-    assert gone.returncode == 1
+    gone = inside("models", "add", f"{url}x", "--name", "gone", code=1)
     assert b"cannot be read: no such object" in gone.stderr
 
 
@@ -83,8 +81,7 @@ def test_a_model_is_used_where_it_lies(inside: Cli, bucket: Bucket, tmp_path: Pa
     image = write_image(inside.folder / "a.png")
     done = inside("predict", image, "--model", bucket.uri("models/m"), "-o", "a.npy")
     assert (done.returncode, done.stderr) == (0, b"")
-    here = inside("predict", image, "--model", folder, "-o", "b.npy")
-    assert here.returncode == 0
+    inside("predict", image, "--model", folder, "-o", "b.npy", code=0)
     assert (inside.folder / "a.npy").read_bytes() == (inside.folder / "b.npy").read_bytes()
     none = inside("predict", image, "--model", bucket.uri("none"))
     assert (none.returncode, none.stderr.count(b"\n")) == (3, 1)
@@ -131,15 +128,9 @@ def test_plain_paths_open_no_connection(cli: Cli) -> None:
     (cli.folder / "models").symlink_to(cli.models)
     home = cli.folder / "user"
     home.mkdir()
-    done = subprocess.run(
-        [sys.executable, "-c", WATCHED],
-        input=LOCAL,
-        env={**cli.environment, "HOME": str(home), "XDG_CACHE_HOME": str(home / "cache")},
-        cwd=cli.folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    environment = {**cli.environment, "HOME": str(home), "XDG_CACHE_HOME": str(home / "cache")}
+    watched = [sys.executable, "-c", WATCHED]
+    done = finished(watched, cli.folder, input=LOCAL, env=environment)
     assert done.returncode == 0, done.stderr
     # Where onnxruntime would keep what it is about to send, by a library that opens no connection
     # of Python's.

@@ -3,19 +3,17 @@
 import json
 import os
 import signal
-import subprocess
 import time
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from helpers.command_line import Cli, unmeasured
-from helpers.folders import here
+from helpers.command_line import Cli, finished, unmeasured
+from helpers.folders import here, printed
 from helpers.tiny import write_model
-from helpers.videos import NTSC, encode, flat_frames, write_mp4, write_video
+from helpers.videos import NTSC, encode, flat_frames, write_ramp, write_video
 
 from depthcli.cli.commands.video import parse_span
 from depthcli.errors import UsageError
@@ -26,17 +24,6 @@ from depthcli.video.frames import Point
 CAMERA = {"hfov_deg": 60.0}
 
 
-def ramp(cli: Cli, frames: int = 24) -> Path:
-    """A clip at 30000/1001 whose frames get brighter, hence farther for the tiny model."""
-    images = [
-        np.repeat(np.linspace(i, 64 + 7 * i, 64).astype(np.uint8)[None, :, None], 48, 0).repeat(
-            3, 2
-        )
-        for i in range(frames)
-    ]
-    return write_mp4(cli.folder / "clip.mp4", images)
-
-
 @pytest.fixture(scope="module")
 def long_video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A video that takes long enough to be interrupted."""
@@ -45,14 +32,8 @@ def long_video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_video(folder / "long.avi", [noise] * 500)
 
 
-def report(done: subprocess.CompletedProcess[bytes]) -> dict[str, Any]:
-    (line,) = done.stdout.decode().splitlines()
-    found: dict[str, Any] = json.loads(line)
-    return found
-
-
 def test_without_options_lossless_depth_and_a_preview_beside_the_video(cli: Cli) -> None:
-    ramp(cli)
+    write_ramp(cli.folder / "clip.mp4")
     done = cli("video", "clip.mp4")
     assert (done.returncode, done.stderr) == (0, b"")
     assert here(cli) == {"clip.mp4", "clip.depth.mkv", "clip.preview.mp4"}
@@ -71,7 +52,7 @@ def test_a_cut_video_is_written_as_far_as_it_goes(cli: Cli) -> None:
     path = write_video(cli.folder / "cut.avi", flat_frames(range(60)))
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     done = cli("video", "cut.avi", "--out", "a.mkv", "--json", code=1)
-    facts = report(done)
+    (facts,) = printed(done)
     assert facts["status"] == "incomplete"
     assert 5 < facts["frames"] < 60
     (line,) = done.stderr.decode().splitlines()
@@ -145,16 +126,10 @@ def test_a_full_disk_is_an_error_and_leaves_nothing(cli: Cli, name: str) -> None
         "sys.exit(main(sys.argv[1:]))\n"
     )
     command = cli.command("video", "noise.avi", "--out", "out/", "--format", name)
-    done = subprocess.run(
-        [command[0], "-c", limited, *command[3:]],
-        cwd=cli.folder,
-        env=unmeasured(cli.environment),
-        capture_output=True,
-        check=False,
-        timeout=60,
-    )
+    command[1:3] = ["-c", limited]
+    done = finished(command, cli.folder, env=unmeasured(cli.environment))
     assert done.returncode == 1, done.stderr
-    assert len(done.stderr.decode().splitlines()) == 1
+    assert len(done.stderr.splitlines()) == 1
     assert here(cli) == {"noise.avi"}
 
 
@@ -184,9 +159,8 @@ def test_words_that_are_no_place(word: str) -> None:
 
 
 def test_a_name_that_is_not_utf_8_is_a_name_like_any_other(cli: Cli) -> None:
-    path = ramp(cli, 3)
     folder = os.fsdecode(b"\xfeout")
-    path.rename(cli.folder / f"{folder}.mp4")
+    write_ramp(cli.folder / f"{folder}.mp4", 3)
     formats = ("--format", "mkv", "--format", "mp4", "--format", "png16")
     cli("video", f"{folder}.mp4", "--out", f"{folder}/", *formats, code=0)
     assert len(here(cli)) == 1 + 2 + 3
@@ -194,7 +168,7 @@ def test_a_name_that_is_not_utf_8_is_a_name_like_any_other(cli: Cli) -> None:
 
 
 def test_stretched_frames_have_no_scale(inside: Cli) -> None:
-    ramp(inside, 3)
+    write_ramp(inside.folder / "clip.mp4", 3)
     words = ("video", "clip.mp4", "--png-normalize", "--sidecar", "--format", "png16")
     assert inside(*words).returncode == 0
     assert json.loads((inside.folder / "clip.depth.json").read_text())["scale"] is None
@@ -206,7 +180,7 @@ def test_the_principal_point_is_stored_and_makes_the_same_points(inside: Cli) ->
     given = ("--centre-px", "20.1,-3.25", "--hfov", "60", "--sidecar", "--json")
     options = (*given, "--model", os.fspath(write_model(inside.folder / "m", camera=CAMERA)))
     done = inside("video", "clip.avi", "--out", "mkv/", "--format", "mkv", *options)
-    assert report(done)["centre_px"] == [20.1, -3.25]
+    assert [facts["centre_px"] for facts in printed(done)] == [[20.1, -3.25]]
     done = inside("video", "clip.avi", "--out", "npy/", "--format", "npy", *options, code=0)
     for sidecar in ("mkv/clip.depth.json", "npy/clip.depth.json"):
         assert json.loads((inside.folder / sidecar).read_text())["centre_px"] == [20.1, -3.25]
@@ -229,12 +203,12 @@ def test_raw_frames_flow_through_a_pipe(inside: Cli) -> None:
     encode(inside.folder / "in.mkv", sent, Fraction(30), "ffv1", "bgr0")
     raw = ("--raw", f"{width}x{height}:bgr24@30", "--json")
     piped = inside("video", "-", *raw, "-o", "raw.mkv", stdin=sent[..., ::-1].tobytes())
-    assert (piped.returncode, report(piped)["fps"]) == (0, "30/1")
+    assert (piped.returncode, printed(piped)[0]["fps"]) == (0, "30/1")
     assert inside("video", "in.mkv", "-o", "file.mkv").returncode == 0
     steps = [list(DepthVideo(inside.folder / name).steps()) for name in ("raw.mkv", "file.mkv")]
     np.testing.assert_array_equal(*steps)
     cut = inside("video", "-", *raw, "-o", "cut.mkv", stdin=sent[..., ::-1].tobytes()[:-9])
-    assert (cut.returncode, report(cut)["frames"]) == (1, len(sent) - 1)
+    assert (cut.returncode, printed(cut)[0]["frames"]) == (1, len(sent) - 1)
     for wrong, code in ("64x48:bogus@30", 1), ("64x48", 2), ("64x48:bgr24", 2), ("0x4:gray@1", 2):
         assert inside("video", "-", "--raw", wrong, "-o", "a.mkv", stdin=b"").returncode == code
     assert inside("video", "in.mkv", *raw).returncode == 2

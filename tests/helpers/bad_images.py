@@ -1,10 +1,15 @@
 """A table of images that no camera made: what each is refused with."""
 
 import struct
+from io import BytesIO
 
 import cv2
 import numpy as np
+import pytest
+from PIL import Image
 
+from depthcli.errors import InputError
+from depthcli.io.images.read import read_image
 from helpers import made
 
 WIDTH, HEIGHT = 96, 64
@@ -15,6 +20,22 @@ END = b"\xff\xd9"
 
 def encoded(suffix: str, *options: int) -> bytes:
     return made.encoded(suffix, PIXELS[..., ::-1], *options)
+
+
+def saved(kind: str, mode: str = "RGB", **options: object) -> bytes:
+    """The pixels as Pillow writes them."""
+    file = BytesIO()
+    Image.fromarray(PIXELS).convert(mode).save(file, kind, **options)
+    return file.getvalue()
+
+
+def reason(data: bytes, **options: int) -> str:
+    """Why an image is refused, in one line."""
+    with pytest.raises(InputError) as caught:
+        read_image(None, data, **options)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
 
 
 JPEGS = {

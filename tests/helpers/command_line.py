@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO, TextIOWrapper
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -27,6 +28,14 @@ def unmeasured(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
     coverage's that is held by the call which the signal interrupted.
     """
     return {name: value for name, value in environment.items() if not name.startswith("COVERAGE_")}
+
+
+def finished(
+    command: Sequence[str | os.PathLike[str]], folder: Path, **options: Any
+) -> subprocess.CompletedProcess[str]:
+    """A program that was run in a folder to its end; options as of ``subprocess.run``."""
+    settings = {"capture_output": True, "text": True, "timeout": 120, **options}
+    return subprocess.run(command, cwd=folder, check=False, **settings)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,8 @@ import struct
 import zlib
 from collections.abc import Mapping, Sequence
 from io import BytesIO
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,6 +20,28 @@ def encoded(suffix: str, pixels: npt.NDArray[np.generic], *options: int) -> byte
     ok, data = cv2.imencode(suffix, np.ascontiguousarray(bgr), options)
     assert ok
     return data.tobytes()
+
+
+def written_by_oiio(
+    path: Path, pixels: npt.NDArray[Any], tile: tuple[int, int] = (0, 0), **facts: Any
+) -> bytes:
+    """Pixels (H, W) or (H, W, C) as OpenImageIO writes them, with a tile's width and height.
+
+    In the name of a fact, two underscores stand for the colon.
+    """
+    import OpenImageIO  # noqa: PLC0415 - of an extra
+
+    height, width, channels = np.atleast_3d(pixels).shape
+    kind = {"float32": "float", "float16": "half"}.get(str(pixels.dtype), str(pixels.dtype))
+    spec = OpenImageIO.ImageSpec(width, height, channels, kind)
+    spec.tile_width, spec.tile_height = tile
+    for name, value in facts.items():
+        spec[name.replace("__", ":")] = value
+    output = OpenImageIO.ImageOutput.create(str(path))
+    assert output.open(str(path), spec), output.geterror()
+    assert output.write_image(np.ascontiguousarray(pixels)), output.geterror()
+    output.close()
+    return path.read_bytes()
 
 
 #: of 8 by 8 gray pixels

@@ -18,10 +18,6 @@ def bilinear(image: Array, width: int, height: int) -> Array:
     return image
 
 
-def clamp(depth_m: Array) -> Array:
-    return np.nan_to_num(depth_m, nan=1e-3, posinf=10).clip(1e-3, 10)
-
-
 def aligned(truth: Array, predicted: Array, how: str) -> Array:
     if how == "median":
         return predicted * np.median(truth) / np.median(predicted)
@@ -41,7 +37,8 @@ def compare(
     if predicted.shape != truth.shape:
         predicted = bilinear(predicted, *truth.shape[::-1])
     counted = (truth > 1e-3) & (truth < 10) & (True if valid is None else valid)
-    return truth[counted], clamp(aligned(truth[counted], predicted[counted], how))
+    fitted = aligned(truth[counted], predicted[counted], how)
+    return truth[counted], np.nan_to_num(fitted, nan=1e-3, posinf=10).clip(1e-3, 10)
 
 
 def metrics(pairs: Pairs) -> dict[str, float]:

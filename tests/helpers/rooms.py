@@ -1,6 +1,5 @@
 """Tiny synthetic rooms with depth, in memory and on disk, and small runs over them."""
 
-import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from depthcli.lab.training.config import (
 )
 from depthcli.lab.training.data import Batches, PairStore
 from helpers.in_memory import InMemory
+from helpers.tiny import write_image
 
 HEIGHT, WIDTH = 48, 64
 SCENES = ("bath_1", "bath_1", "den_1", "hall_1", "hall_1", "office_1")
@@ -87,20 +87,16 @@ def room_data() -> TrainingData:
     return TrainingData(rooms(), "six rooms", None)
 
 
-def write_rooms(folder: Path, dataset: Rooms | None = None) -> Path:
-    """rgb/ID.png, depth/ID.png in millimetres, index.csv."""
+def write_rooms(folder: Path, dataset: Rooms | None = None, prefix: str = "") -> Path:
+    """rgb/ID.png, depth/ID.png in millimetres, index.csv; IDs begin with the prefix."""
     dataset = dataset or rooms()
-    for part in ("rgb", "depth"):
-        (folder / part).mkdir(parents=True)
-    with (folder / "index.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["id", "scene", "official_split"])
-        rows = zip(dataset.ids, dataset.scenes, dataset.official_split, strict=True)
-        for i, row in enumerate(rows):
-            writer.writerow(row)
-            rgb, depth = (str(folder / part / f"{row[0]}.png") for part in ("rgb", "depth"))
-            assert cv2.imwrite(rgb, dataset.image(i)[..., ::-1])
-            assert cv2.imwrite(depth, np.round(dataset.depth_m(i) * 1000).astype(np.uint16))
+    lines = ["id,scene,official_split"]
+    for i, row in enumerate(zip(dataset.ids, dataset.scenes, dataset.official_split, strict=True)):
+        lines.append(prefix + ",".join(row))
+        write_image(folder / "rgb" / f"{prefix}{row[0]}.png", dataset.image(i))
+        millimetres = np.round(dataset.depth_m(i) * 1000).astype(np.uint16)
+        write_image(folder / "depth" / f"{prefix}{row[0]}.png", millimetres)
+    (folder / "index.csv").write_text("\n".join([*lines, ""]))
     return folder
 
 

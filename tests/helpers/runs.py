@@ -3,7 +3,6 @@
 import os
 import signal
 import subprocess
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,14 +52,6 @@ def write_run(folder: Path, settings: str = EFFICIENT_TOML) -> Path:
     write_rooms(folder / "data")
     (folder / "tiny.toml").write_text(settings)
     return folder
-
-
-def finished(
-    command: Sequence[str], folder: Path, **options: Any
-) -> subprocess.CompletedProcess[str]:
-    """A command that was run in a folder to its end."""
-    settings = {"env": ENVIRONMENT, "capture_output": True, "text": True, "timeout": 120, **options}
-    return subprocess.run(command, cwd=folder, check=False, **settings)
 
 
 def inside(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:

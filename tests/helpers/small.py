@@ -3,6 +3,10 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+import onnx
+import onnxruntime
 import torch
 from torch import nn
 
@@ -38,6 +42,15 @@ def small_network(config: GeneratorConfig = EFFICIENT, seed: int = 0) -> nn.Modu
             if tensor.ndim == 1 and name.endswith("weight"):
                 tensor.add_(1)
     return network.eval()
+
+
+def run_onnx(model: onnx.ModelProto, image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """What ONNX Runtime computes of (N, C, H, W) on the CPU."""
+    session = onnxruntime.InferenceSession(
+        model.SerializeToString(), providers=["CPUExecutionProvider"]
+    )
+    output: npt.NDArray[np.float32] = session.run(None, {"image": image})[0]
+    return output
 
 
 def write_checkpoint(

@@ -2,17 +2,17 @@
 
 import contextlib
 import logging
-import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
 from http.client import HTTPConnection
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from typing import Any
 
 import boto3
 from moto.server import ThreadedMotoServer
 
 from depthcli.io.storage.paths import RemotePath, path_of
+from helpers.web import Server
 
 KEYS = {"AWS_ACCESS_KEY_ID": "tester", "AWS_SECRET_ACCESS_KEY": "not-to-be-seen"}
 REGION = "us-east-1"
@@ -87,7 +87,7 @@ def credentials_checked(endpoint: str) -> Iterator[None]:
         let_pass("inf")
 
 
-class Faults:
+class Faults(Server):
     """A proxy before a server that answers some requests badly, each a few times only.
 
     Attributes:
@@ -100,33 +100,12 @@ class Faults:
     """
 
     def __init__(self, behind: str) -> None:
-        self.behind = behind.removeprefix("http://")
+        super().__init__(protocol="HTTP/1.1")
+        self.endpoint, self.behind = self.url.rstrip("/"), behind.removeprefix("http://")
         self.seen: Counter[tuple[str, str]] = Counter()
         self.passed: Counter[tuple[str, str]] = Counter()
         self.failed = 0
         self.fault: Callable[[str, str, int], str | None] = lambda *_: None
-        outer = self
-
-        class Handler(BaseHTTPRequestHandler):
-            protocol_version = "HTTP/1.1"
-
-            def log_message(self, *_: object) -> None:
-                pass
-
-            def handle_any(self) -> None:
-                outer.answer(self)
-
-            do_GET = do_PUT = do_HEAD = do_POST = do_DELETE = handle_any  # noqa: N815
-
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self._server.daemon_threads = True
-        self._server.handle_error = lambda *_: None
-        self.endpoint = f"http://127.0.0.1:{self._server.server_address[1]}"
-        threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True).start()
-
-    def close(self) -> None:
-        self._server.shutdown()
-        self._server.server_close()
 
     def answer(self, request: BaseHTTPRequestHandler) -> None:
         body = request.rfile.read(int(request.headers.get("content-length", 0)))

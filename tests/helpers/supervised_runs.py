@@ -43,8 +43,6 @@ def train_steps(
 
 def write_pseudo_labels(folder: Path, prefix: str = "photo-") -> Path:
     """A folder of pseudo labels, the six rooms under names that begin so."""
-    write_rooms(folder)
+    write_rooms(folder, prefix=prefix)
     (folder / "index.csv").unlink()
-    for file in [*folder.glob("*/*.png")]:
-        file.rename(file.with_name(prefix + file.name))
     return folder

@@ -8,7 +8,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-import onnx
+import onnx.parser
 from onnx import TensorProto, helper
 
 from depthcli.api.depth_map import DepthMap
@@ -163,32 +163,14 @@ def point_cloud(depth: types.DepthMap, focal_px: float, frame: Any = None, **mor
 
 def endless_onnx() -> bytes:
     """A network that counts to 2^63 before it gives its input back."""
-    body = helper.make_graph(
-        [
-            helper.make_node("Identity", ["go"], ["on"]),
-            helper.make_node("Add", ["sum", "one"], ["next"]),
-        ],
-        "body",
-        [
-            helper.make_tensor_value_info("i", TensorProto.INT64, []),
-            helper.make_tensor_value_info("go", TensorProto.BOOL, []),
-            helper.make_tensor_value_info("sum", TensorProto.FLOAT, None),
-        ],
-        [
-            helper.make_tensor_value_info("on", TensorProto.BOOL, []),
-            helper.make_tensor_value_info("next", TensorProto.FLOAT, None),
-        ],
-        [helper.make_tensor("one", TensorProto.FLOAT, [], [1.0])],
-    )
-    graph = helper.make_graph(
-        [helper.make_node("Loop", ["times", "true", "image"], ["depth"], body=body)],
-        "endless",
-        [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["n", 1, "height", "width"])],
-        [helper.make_tensor_value_info("depth", TensorProto.FLOAT, None)],
-        [
-            helper.make_tensor("times", TensorProto.INT64, [], [2**63 - 1]),
-            helper.make_tensor("true", TensorProto.BOOL, [], [True]),
-        ],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    model = onnx.parser.parse_model("""
+        <ir_version: 8, opset_import: ["": 17]>
+        endless (float[n, 1, height, width] image) => (float[] depth)
+        <int64 times = {9223372036854775807}, bool true = {1}> {
+            depth = Loop <body = body (int64 i, bool go, float[] sum) => (bool on, float[] next)
+                <float one = {1}> {
+                    on = Identity (go)
+                    next = Add (sum, one)
+                }> (times, true, image)
+        }""")
     return model.SerializeToString()

@@ -3,6 +3,7 @@
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from depthcli.lab.training.config import TrainConfig, updated
 from depthcli.lab.training.data import TrainingBatch
@@ -25,6 +26,13 @@ def tiny_method(name: str, **loss: Any) -> Any:
     """Its networks, the same each time."""
     torch.manual_seed(1)
     return build_method(tiny(name, **loss))
+
+
+def phases(method: Any, seed: int = 5) -> dict[str, Tensor]:
+    """Its terms of one batch, those of the discriminators first."""
+    torch.manual_seed(seed)
+    terms: dict[str, Tensor] = method(batch(), "discriminator")
+    return terms | method(batch(), "generator")
 
 
 def batch(seed: int = 0) -> TrainingBatch:

@@ -90,6 +90,12 @@ def write_mp4(
     return encode(path, frames, rate, "mpeg4", "yuv420p", times_s=times_s, options={"b": "4M"})
 
 
+def write_ramp(path: Path, count: int = 24) -> Path:
+    """A clip at 30000/1001 whose frames get brighter, hence farther for the tiny model."""
+    columns = [np.linspace(i, 64 + 7 * i, 64).astype(np.uint8) for i in range(count)]
+    return write_mp4(path, [np.tile(column[None, :, None], (48, 1, 3)) for column in columns])
+
+
 def shot(
     values: np.ndarray[Any, Any], time_s: float = 0.0, kind: DepthKind = DepthKind.METRIC
 ) -> DepthFrame:

@@ -1,6 +1,7 @@
 """Web servers on this machine: of one file that is cut off, and a camera of Motion JPEG."""
 
 import queue
+import socket
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Self
@@ -11,20 +12,31 @@ import numpy as np
 BOUNDARY = "frame"
 
 
-class Server:
-    """Answers GET at ``url`` while it is entered."""
+def free_port() -> int:
+    """A port that no server has."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return int(taken.getsockname()[1])
 
-    def __init__(self, name: str) -> None:
+
+class Server:
+    """Answers requests of any method at ``url`` while it is entered."""
+
+    def __init__(self, name: str = "", protocol: str = "HTTP/1.0") -> None:
         outer = self
 
         class Handler(BaseHTTPRequestHandler):
+            protocol_version = protocol
+
             def log_message(self, *_: object) -> None:
                 pass
 
-            def do_GET(self) -> None:
+            def handle_any(self) -> None:
                 outer.answer(self)
 
+            do_GET = do_PUT = do_HEAD = do_POST = do_DELETE = handle_any  # noqa: N815
+
         self._server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self._server.handle_error = lambda *_: None  # of clients that leave
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.01,))
         self.url = f"http://127.0.0.1:{self._server.server_address[1]}/{name}"
         self.stopped = threading.Event()
@@ -96,11 +108,8 @@ class Camera(Server):
         kind = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
         request.send_header("Content-Type", kind)
         request.end_headers()
-        try:
-            while (level := self._next_level()) is not None:
-                request.wfile.write(part(level))
-        except OSError:  # nobody reads it any more
-            pass
+        while (level := self._next_level()) is not None:
+            request.wfile.write(part(level))
 
     def _next_level(self) -> int | None:
         while not self.stopped.is_set():

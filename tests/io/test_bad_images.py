@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from helpers import made
-from helpers.bad_images import BAD, HEIGHT, JPEGS, PIXELS, WIDTH, encoded
+from helpers.bad_images import BAD, HEIGHT, JPEGS, PIXELS, WIDTH, encoded, reason, saved
 from helpers.command_line import ROOT
 from PIL import Image
 
@@ -26,33 +26,18 @@ from depthcli.lab.datasets.folders import read_image_rgb, read_truth
 from robustness.fuzz import OF_LIBRARIES, file_of, problem
 from robustness.fuzz_targets import TARGETS
 
-
-def _saved(kind: str, mode: str = "RGB", **options: object) -> bytes:
-    file = BytesIO()
-    Image.fromarray(PIXELS).convert(mode).save(file, kind, **options)
-    return file.getvalue()
-
-
 FILES = {
     **JPEGS,
     "png": encoded(".png"),
     "tiff": encoded(".tiff"),
     "webp": encoded(".webp", cv2.IMWRITE_WEBP_QUALITY, 80),
     "lossless webp": encoded(".webp"),
-    "extended webp": _saved("WEBP", exif=made.exif()),
+    "extended webp": saved("WEBP", exif=made.exif()),
     "avif": encoded(".avif"),
     "bmp": encoded(".bmp"),
     "gif": encoded(".gif"),
     "pnm": encoded(".ppm"),
 }
-
-
-def reason(data: bytes, **options: int) -> str:
-    with pytest.raises(InputError) as caught:
-        read_image(None, data, **options)
-    text = str(caught.value)
-    assert "\n" not in text
-    return text
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -90,25 +75,25 @@ def test_bombs_and_empty_images_are_refused(name: str, at: int | None, form: str
 
 
 UNUSUAL = {
-    "progressive restarts": _saved("JPEG", restart_marker_rows=1, progressive=True),
-    "several in one": _saved("MPO", save_all=True, append_images=[Image.new("RGB", (8, 8))]),
+    "progressive restarts": saved("JPEG", restart_marker_rows=1, progressive=True),
+    "several in one": saved("MPO", save_all=True, append_images=[Image.new("RGB", (8, 8))]),
     "padded before the end": JPEGS["baseline"][:-2] + b"padding" + b"\xff\xd9",
     "fill before a marker": b"\xff\xd8" + b"\xff" * 100_000 + JPEGS["baseline"][2:],
     "JPEG before other data": JPEGS["baseline"] + bytes(100_000),
     "JPEG with a thumbnail": made.jpeg_with_exif(JPEGS["baseline"], made.exif() + made.JPEG),
     "PNG before other data": encoded(".png") + bytes(100_000),
     **{
-        f"TIFF of {coding}": _saved("TIFF", compression=coding)
+        f"TIFF of {coding}": saved("TIFF", compression=coding)
         for coding in ("tiff_lzw", "tiff_adobe_deflate", "tiff_deflate", "packbits", "jpeg")
     },
-    "fax": _saved("TIFF", "1", compression="group4"),
-    "BigTIFF": _saved("TIFF", big_tiff=True),
+    "fax": saved("TIFF", "1", compression="group4"),
+    "BigTIFF": saved("TIFF", big_tiff=True),
     **{
         f"PNM {kind} without a last line break": f"{kind} {WIDTH} {HEIGHT}{white}".encode()
         + b" 1" * (WIDTH * HEIGHT * channels)
         for kind, white, channels in (("P1", "", 1), ("P2", " 9", 1), ("P3", " 9", 3))
     },
-    "unknown colour profile": _saved("PNG", icc_profile=b"nothing that is known"),
+    "unknown colour profile": saved("PNG", icc_profile=b"nothing that is known"),
 }
 
 
@@ -120,7 +105,7 @@ def test_unusual_image_is_read_silently(name: str, capfd: pytest.CaptureFixture[
 
 @pytest.mark.parametrize("options", [{}, {"progressive": True}, {"quality": 30}])
 def test_cmyk_jpeg_has_the_pixels_that_opencv_decodes(options: dict[str, object]) -> None:
-    data = _saved("JPEG", "CMYK", **options)
+    data = saved("JPEG", "CMYK", **options)
     expected = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
     np.testing.assert_array_equal(read_image(None, data).pixels, expected)
 
@@ -233,7 +218,7 @@ def test_exif_after_other_segments_is_found() -> None:
 
 @pytest.mark.parametrize("orientation", [0, 9, 65535])
 def test_orientations_that_do_not_exist_count_as_upright(orientation: int) -> None:
-    assert read_image(None, _saved("PNG", exif=made.exif(orientation))).orientation == 1
+    assert read_image(None, saved("PNG", exif=made.exif(orientation))).orientation == 1
 
 
 def test_orientation_survives_a_damaged_inner_directory() -> None:
@@ -320,12 +305,9 @@ CORPUS = ROOT / "tests" / "corpus"
 _SLOW = {"manifest", "checkpoint", "video", "model"}
 
 
-def _found() -> list[str]:
-    files = CORPUS.rglob("*")
-    return sorted(path.relative_to(CORPUS).as_posix() for path in files if path.is_file())
-
-
-@pytest.mark.parametrize("name", _found())
+@pytest.mark.parametrize(
+    "name", sorted(file.relative_to(CORPUS).as_posix() for file in CORPUS.glob("*/*"))
+)
 def test_files_of_the_corpus_are_read_or_refused(
     name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from helpers import made
+from helpers.bad_images import HEIGHT, WIDTH, reason
 from helpers.heifs import heic, pillow_heif
 
 from depthcli.errors import InputError
@@ -14,7 +15,6 @@ from depthcli.io.images.read import check, read_image
 from depthcli.io.listing import Skipped, conversion_hint
 from depthcli.io.media import is_image
 
-WIDTH, HEIGHT = 96, 64
 _ROWS, _COLUMNS = np.mgrid[:HEIGHT, :WIDTH]
 IMAGE = np.dstack([_COLUMNS * 2, _ROWS * 3, 255 - _COLUMNS * 2]).astype(np.uint8)
 DEEP = IMAGE.astype(np.uint16) * 257
@@ -32,13 +32,6 @@ def distance(pixels: npt.NDArray[Any], expected: npt.NDArray[Any]) -> float:
     """The mean difference, in levels of the pixels' type."""
     assert (pixels.shape, pixels.dtype) == (expected.shape, expected.dtype)
     return float(abs(pixels.astype(float) - expected).mean())
-
-
-def reason(data: bytes, max_pixels: int = WIDTH * HEIGHT) -> str:
-    with pytest.raises(InputError) as caught:
-        read_image(None, data, max_pixels=max_pixels)
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["colour", "tiles", "alpha"])
@@ -126,7 +119,7 @@ def test_the_size_is_known_before_anything_is_decoded(
         raise AssertionError
 
     monkeypatch.setattr(pillow_heif.HeifImage, "__array_interface__", property(never))
-    assert reason(FILES[name], WIDTH * HEIGHT - 1)
+    assert reason(FILES[name], max_pixels=WIDTH * HEIGHT - 1)
 
 
 @pytest.mark.parametrize("name", FILES)

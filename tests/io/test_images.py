@@ -41,11 +41,6 @@ def test_a_bmp_of_os2_is_read() -> None:
     assert pixels.tolist() == [[[1, 2, 3], [4, 5, 6]]]
 
 
-@pytest.mark.parametrize("suffix", [".png", ".tiff", ".bmp"])
-def test_lossless_images_are_exact(suffix: str) -> None:
-    assert (read_image(None, made.encoded(suffix, IMAGE)).pixels == IMAGE).all()
-
-
 @pytest.mark.parametrize(("transfer", "name"), [(16, "PQ"), (18, "HLG"), (13, None)])
 def test_high_dynamic_range_of_avif_is_told(transfer: int, name: str | None) -> None:
     data = made.encoded(".avif", IMAGE)

@@ -4,39 +4,20 @@ import os
 from pathlib import Path
 
 import pytest
+from helpers.batches import row
 from helpers.file_trees import contents
 from hypothesis import given, strategies as st
 
 from depthcli.errors import OutputError, UsageError
-from depthcli.io.manifest import (
-    OK,
-    CacheKey,
-    Journal,
-    ManifestRow,
-    OutputFile,
-    Rows,
-    known_rows,
-    parse_row,
-    row_files,
-)
+from depthcli.io.manifest import Journal, Rows, known_rows, parse_row, row_files
 
 JOURNAL_NAME = ".depthcli-batch.jsonl"
 MANIFEST_NAME = "manifest.jsonl"
-ORIGIN = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
 
 
-def row(name: str, seconds: float = 0.5) -> ManifestRow:
-    outputs = (OutputFile(f"{name}.depth.png", 12, "2" * 64),)
-    return ManifestRow(name, OK, ORIGIN, outputs, seconds, "3" * 64, warnings=("far",))
-
-
-@given(st.binary() | st.integers(0, 300).map(lambda end: row("a").as_line()[:end]))
+@given(st.binary() | st.integers(0, 999).map(lambda end: row("a").as_line()[:end]))
 def test_line_that_is_not_a_row_is_none(line: bytes) -> None:
     assert parse_row(line) in (None, row("a"))
-
-
-def test_known_rows_of_nothing() -> None:
-    assert known_rows(Path("nowhere")).row("a") is None
 
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import OpenImageIO
 import pytest
 from helpers.heifs import heic
-from helpers.made import encoded
+from helpers.made import encoded, exif
 from helpers.tiny import load, write_model
 from PIL import Image
 
@@ -202,10 +202,7 @@ def test_image_that_is_transparent_everywhere_is_refused(tmp_path: Path) -> None
 
 
 def test_transparency_is_turned_with_its_image(tmp_path: Path) -> None:
-    image = _sprite(0)
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    image.save(tmp_path / "a.png", exif=exif)
+    _sprite(0).save(tmp_path / "a.png", exif=exif(6))
     frame = depthcli.read_image(tmp_path / "a.png")
     assert frame.transparent.shape == (32, 24)
     assert frame.transparent[16:].all()

@@ -136,10 +136,8 @@ def test_a_sidecar_of_another_size_is_ignored(suffix: str, tmp_path: Path) -> No
     SidecarWriter().write(DEPTH, tmp_path / "a.json")
     for values, expected in ((DEPTH_M, True), (DEPTH_M[:, ::3], False), (DEPTH_M[::2], False)):
         write_map(path, values)
-        stored = read_stored_depth(path)
-        assert is_used(stored) is expected
+        assert is_used(read_stored_depth(path)) is expected
         assert ("focal_px" in read_metadata(path)) is expected
-        assert (stored.depth.provenance.orientation == 6) is expected
 
 
 def test_a_sidecar_of_another_camera_is_not_that_of_a_png(tmp_path: Path) -> None:

@@ -8,30 +8,18 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from helpers import made
+from helpers.made import written_by_oiio as written
 
 from depthcli.errors import InputError
 from depthcli.io.images import openimageio
 from depthcli.io.images.read import check, read_image
 
-oiio = pytest.importorskip("OpenImageIO")
+pytest.importorskip("OpenImageIO")
 
 _ROWS, _COLUMNS = np.mgrid[:24, :40]
 BYTES = np.dstack([_COLUMNS * 6, _ROWS * 10, 255 - _COLUMNS * 6]).astype(np.uint8)
 WORDS = BYTES.astype(np.uint16) * 257
 LIGHT = (BYTES / 255).astype(np.float32)
-
-
-def written(path: Path, pixels: npt.NDArray[Any], **facts: Any) -> bytes:
-    height, width, channels = np.atleast_3d(pixels).shape
-    kind = {"float32": "float", "float16": "half"}.get(str(pixels.dtype), str(pixels.dtype))
-    spec = oiio.ImageSpec(width, height, channels, kind)
-    for name, value in facts.items():
-        spec[name.replace("__", ":")] = value
-    output = oiio.ImageOutput.create(str(path))
-    assert output.open(str(path), spec), output.geterror()
-    output.write_image(np.ascontiguousarray(pixels))
-    output.close()
-    return path.read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -116,12 +104,6 @@ def test_uncompressed_tiles_of_any_size_are_read(
 ) -> None:
     """tifffile's ``tile=(16, 16)`` and ``tiffcp -t -w 16 -l 16`` write such files."""
     pixels = np.random.default_rng(0).integers(0, 255, (40, 56, channels), np.uint8)
-    path, spec = str(tmp_path / "a.tif"), oiio.ImageSpec(56, 40, channels, "uint8")
-    spec.tile_width, spec.tile_height = tile
-    spec.attribute("compression", "none")
-    output = oiio.ImageOutput.create(path)
-    output.open(path, spec)
-    output.write_image(pixels)
-    output.close()
-    found = read_image(path).pixels
+    data = written(tmp_path / "a.tif", pixels, tile, compression="none")
+    found = read_image(None, data).pixels
     np.testing.assert_array_equal(found, pixels if channels == 3 else pixels[..., 0])

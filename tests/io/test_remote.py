@@ -4,22 +4,23 @@ import io
 import json
 import os
 import pickle
-import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 
 import pytest
+from helpers.batches import row
+from helpers.command_line import ROOT, finished
 from helpers.stores import KEYS, Bucket, Faults, remote
+from helpers.web import Server
 
 from depthcli.errors import InputError, OutputError, UsageError
 from depthcli.io.guard import Guard
 from depthcli.io.listing import InputFile, Skipped, list_folder
-from depthcli.io.manifest import OK, CacheKey, Journal, ManifestRow, OutputFile, known_rows
+from depthcli.io.manifest import Journal, known_rows
 from depthcli.io.storage import objects
 from depthcli.io.storage.atomic import atomic_path
 from depthcli.io.storage.paths import (
@@ -191,17 +192,9 @@ def test_request_that_keeps_failing_is_an_error(
 def test_without_the_extra_one_line_says_how_to_get_it(tmp_path: Path) -> None:
     blocked = tmp_path / "obstore.py"
     blocked.write_text("raise ModuleNotFoundError('no', name='obstore')")
-    done = subprocess.run(
-        [sys.executable, "-m", "depthcli", "predict", "s3://bucket/a.jpg", "-o", "x.png"],
-        env={
-            **os.environ,
-            "PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}",
-        },
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=Path(__file__).parents[2],
-    )
+    words = [sys.executable, "-m", "depthcli", "predict", "s3://bucket/a.jpg", "-o", "x.png"]
+    path = f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+    done = finished(words, ROOT, env={**os.environ, "PYTHONPATH": path})
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
     assert done.stderr.startswith("depthcli: error: s3://bucket/")
@@ -223,49 +216,46 @@ def test_a_list_of_a_bucket_comes_page_by_page(
     assert [first, *found] == names
 
 
+class Hello(Server):
+    """Gives "hello" for whatever is asked; ``asked`` is what it was asked."""
+
+    def __init__(self) -> None:
+        super().__init__(protocol="HTTP/1.1")
+        self.asked: list[str] = []
+
+    def answer(self, request: BaseHTTPRequestHandler) -> None:
+        request.rfile.read(int(request.headers.get("content-length", 0)))
+        is_signed = "signed" if "authorization" in request.headers else "open"
+        self.asked.append(f"{request.command} {request.path.partition('?')[0]} {is_signed}")
+        here = self.url.replace("127.0.0.1", "localhost")
+        places = {
+            "/moved": "/there?signature=x",
+            "/inside": f"{here}x",
+            "/ftp": "ftp://127.0.0.1/x",
+        }
+        start = int((request.headers.get("Range") or "bytes=0-")[6:].split("-")[0])
+        if request.path in places:
+            request.send_response(302)
+            request.send_header("Location", places[request.path])
+        else:
+            request.send_response(206 if start else 200)
+        request.send_header("ETag", '"e"')
+        request.send_header("Last-Modified", "Tue, 21 Oct 2025 07:28:00 GMT")
+        data = b"hello"[start:] if request.command == "GET" else b""
+        if start:
+            request.send_header("Content-Range", f"bytes {start}-4/5")
+        if request.path != "/endless":
+            request.send_header("Content-Length", str(len(data)))
+        request.end_headers()
+        request.wfile.write(data[:2] if request.path == "/cut" and not start else data)
+        request.close_connection = request.path in ("/endless", "/cut")
+
+
 @pytest.fixture
 def plain_server() -> Iterator[tuple[str, list[str]]]:
-    """A server that gives "hello" for whatever is asked, and what it was asked."""
-    asked: list[str] = []
-
-    class Handler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
-
-        def log_message(self, *_: object) -> None:
-            pass
-
-        def answer(self) -> None:
-            self.rfile.read(int(self.headers.get("content-length", 0)))
-            is_signed = "signed" if "authorization" in self.headers else "open"
-            asked.append(f"{self.command} {self.path.partition('?')[0]} {is_signed}")
-            places = {"/moved": "/there?signature=x", "/inside": f"http://localhost:{port}/x"}
-            places["/ftp"] = "ftp://127.0.0.1/x"
-            start = int((self.headers.get("Range") or "bytes=0-")[6:].split("-")[0])
-            if self.path in places:
-                self.send_response(302)
-                self.send_header("Location", places[self.path])
-            else:
-                self.send_response(206 if start else 200)
-            self.send_header("ETag", '"e"')
-            self.send_header("Last-Modified", "Tue, 21 Oct 2025 07:28:00 GMT")
-            data = b"hello"[start:] if self.command == "GET" else b""
-            if start:
-                self.send_header("Content-Range", f"bytes {start}-4/5")
-            if self.path != "/endless":
-                self.send_header("Content-Length", str(len(data)))
-            self.end_headers()
-            self.wfile.write(data[:2] if self.path == "/cut" and not start else data)
-            self.close_connection = self.path in ("/endless", "/cut")
-
-        do_GET = do_PUT = do_HEAD = answer  # noqa: N815
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
-        port = server.server_address[1]
-        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
-        yield f"http://127.0.0.1:{server.server_address[1]}", asked
-        server.shutdown()
-        thread.join()
+    """Its address, and what it was asked."""
+    with Hello() as server:
+        yield server.url.rstrip("/"), server.asked
 
 
 def test_google_and_azure_are_asked_as_they_want_it(
@@ -396,12 +386,6 @@ def test_variable_sets_the_number_of_retries(
 
 
 JOURNAL = ".depthcli-batch.jsonl"
-
-
-def row(name: str, seconds: float = 0.5) -> ManifestRow:
-    key = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
-    outputs = (OutputFile(f"{name}.depth.png", 12, "2" * 64),)
-    return ManifestRow(name, OK, key, outputs, seconds)
 
 
 @pytest.fixture

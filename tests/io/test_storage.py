@@ -236,11 +236,12 @@ def test_a_foreign_file_is_replaced_on_request_only(tmp_path: Path, name: str) -
 
 
 def test_an_input_is_never_replaced(tmp_path: Path) -> None:
-    source, link = tmp_path / "a.png", tmp_path / "link.png"
+    source, link, other = (tmp_path / name for name in ("a.png", "link.png", "other.png"))
     source.write_bytes(b"image")
     link.symlink_to(source)
+    other.hardlink_to(source)
     guard = Guard.of([source], overwrite=True)
-    for path in (source, link, tmp_path / "yet to be made" / ".." / "a.png"):
+    for path in (source, link, other, tmp_path / "yet to be made" / ".." / "a.png"):
         with pytest.raises(OutputError):
             guard.check(path)
     with pytest.raises(OutputError):

@@ -15,42 +15,25 @@ import numpy as np
 import OpenEXR
 import pytest
 from helpers import made
-from helpers.bad_images import HEIGHT, JPEGS, PIXELS, WIDTH, encoded
+from helpers.bad_images import HEIGHT, JPEGS, PIXELS, WIDTH, encoded, reason, saved
 from helpers.command_line import ROOT
 from helpers.heifs import heic
-from PIL import Image
 
 from depthcli.errors import InputError
 from depthcli.io.images.read import _CONTAINERS, read_image
 from depthcli.video.source import open_frames
 from robustness.mutants import mutant
 
-oiio = pytest.importorskip("OpenImageIO")
+pytest.importorskip("OpenImageIO")
 
 WORDS = PIXELS.astype(np.uint16) * 257
 _MALLOC_PERTURB = -6  # M_PERTURB of glibc: the byte that fills memory as it is allocated
 _MUTANTS = 500
 
 
-def saved(kind: str, mode: str = "RGB", **options: Any) -> bytes:
-    file = BytesIO()
-    Image.fromarray(PIXELS).convert(mode).save(file, kind, **options)
-    return file.getvalue()
-
-
 def written(folder: Path, suffix: str, pixels: Any = PIXELS, **facts: Any) -> bytes:
-    """An image that OpenImageIO writes; TIFF in tiles of 16×16 if it says ``tiled``."""
-    path = folder / f"a{suffix}"
-    spec = oiio.ImageSpec(*pixels.shape[1::-1], 3, str(pixels.dtype))
-    if facts.pop("tiled", False):
-        spec.tile_width = spec.tile_height = 16
-    for name, value in facts.items():
-        spec[name] = value
-    output = oiio.ImageOutput.create(str(path))
-    assert output.open(str(path), spec), output.geterror()
-    assert output.write_image(np.ascontiguousarray(pixels)), output.geterror()
-    output.close()
-    return path.read_bytes()
+    """An image that OpenImageIO writes."""
+    return made.written_by_oiio(folder / f"a{suffix}", pixels, **facts)
 
 
 def exr(compression: Any, pixels: Any) -> bytes:
@@ -78,14 +61,14 @@ def files(folder: Path) -> dict[str, list[bytes]]:
             *(written(folder, ".tif", pixels, **deflated) for pixels in (PIXELS, WORDS)),
         ],
         "tiff, tiles": [
-            written(folder, ".tif", pixels, tiled=True, **facts)
+            written(folder, ".tif", pixels, tile=(16, 16), **facts)
             for pixels in (PIXELS, WORDS)
             for facts in ({}, deflated)
         ],
         "tiff, planes": [
             written(folder, ".tif", pixels, **planes, **facts)
             for pixels in (PIXELS, WORDS)
-            for facts in ({}, deflated, {"tiled": True})
+            for facts in ({}, deflated, {"tile": (16, 16)})
         ],
         "webp": [encoded(".webp"), encoded(".webp", cv2.IMWRITE_WEBP_QUALITY, 80)],
         "avif": [encoded(".avif"), saved("AVIF", "RGBA")],
@@ -168,12 +151,6 @@ def test_a_damaged_frame_of_a_video_is_the_same_whatever_memory_holds() -> None:
         with memory_full_of(filling), open_frames(path) as source:
             frames.append([frame.pixels.tobytes() for frame in source.frames()])
     assert frames == frames[:1] * 8
-
-
-def reason(data: bytes, **options: int) -> str:
-    with pytest.raises(InputError) as caught:
-        read_image(None, data, **options)
-    return str(caught.value)
 
 
 def test_a_jpeg_cut_within_a_table_is_damaged() -> None:

@@ -41,10 +41,8 @@ def test_a_library_s_batch_prints_nothing_and_gives_what_the_shell_gives(
     assert [result.row.status for result in results] == [OK, FAILED, OK, OK, OK]
     assert [name for name, _ in batch.tally.failures] == ["bad.png"]
     model = str(cli.folder / "model")
-    done = cli(
-        "batch", str(cli.folder / "in"), "--out", "shell", "--model", model, "--provider", "cpu"
-    )
-    assert done.returncode == 1
+    words = ("--out", "shell", "--model", model, "--provider", "cpu")
+    cli("batch", cli.folder / "in", *words, code=1)
     assert outputs(cli.folder / "out") == outputs(cli.folder / "shell")
     mine, theirs = (
         [{**json.loads(line), "seconds": 0} for line in (cli.folder / out).open()]

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from helpers.batches import NAMES, images, kept, outputs, request
+from helpers.batches import NAMES, ORIGIN, images, kept, outputs, request, row
 from helpers.tiny import prompted_onnx, synthetic_image, write_image, write_model
 from helpers.videos import flat_frames, write_video
 
@@ -19,11 +19,8 @@ from depthcli.io.listing import NameFilter
 from depthcli.io.manifest import (
     FAILED,
     OK,
-    CacheKey,
     Journal,
-    KnownDepthEntry,
     ManifestRow,
-    OutputFile,
     Shard,
     Summary,
     known_rows,
@@ -306,17 +303,6 @@ def test_videos_are_not_replaced_either(tmp_path: Path) -> None:
     with pytest.raises(UsageError):
         list(Batch(request_of(tmp_path, "other")))
     assert outputs(tmp_path / "out") == before
-
-
-ORIGIN = CacheKey("0" * 64, "tiny", "1" * 64, "1.0")
-
-
-def row(name: str, seconds: float = 0.5) -> ManifestRow:
-    outputs = (OutputFile(f"{name}.depth.png", 12, "2" * 64),)
-    done = ManifestRow(
-        name, OK, ORIGIN, outputs, seconds, "3" * 64, warnings=("far",), camera="60°"
-    )
-    return replace(done, anchors=KnownDepthEntry(9, 8, 0.25, "4" * 64))
 
 
 def bad(name: str) -> ManifestRow:

@@ -164,8 +164,7 @@ def test_shard_becomes_a_shard_of_depth_with_its_keys(inside: Cli) -> None:
         "batch", "s.tar", "--out", "out", "--format", "npy", "--format", "png16", "--json"
     )
     assert json.loads(again.stdout)["kept"]
-    other = inside("batch", "s.tar", "--out", "other", "--column", "mask.png")
-    assert other.returncode == 0
+    inside("batch", "s.tar", "--out", "other", "--column", "mask.png", code=0)
     assert [*read_tar(inside.folder / "other" / "s.depth.tar")] == ["a/1.mask.depth.png"]
     assert (inside.folder / "out" / "s.depth.tar").read_bytes() == before
 

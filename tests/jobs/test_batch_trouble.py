@@ -3,15 +3,17 @@
 import errno
 import os
 import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.batches import NAMES, images, kept, outputs, request
+from helpers.batches import NAMES, images, kept, of_plan, outputs, request
 from helpers.command_line import Cli
 from helpers.requests import predict_request
-from helpers.tiny import synthetic_image, write_image, write_model
+from helpers.tiny import synthetic_image, write_image
 from helpers.videos import flat_frames, write_video
 
 from depthcli.core.camera import CameraScale, Intrinsics
@@ -22,7 +24,7 @@ from depthcli.io.images.read import read_image
 from depthcli.io.listing import InputFile
 from depthcli.io.manifest import OK, WHOLE, Journal, Shard, known_rows, parse_row, read_rows
 from depthcli.jobs.batch.plan import BatchPlan, plan_files, plan_folder
-from depthcli.jobs.batch.run import Batch, BatchRequest, dry_run
+from depthcli.jobs.batch.run import Batch, dry_run
 from depthcli.jobs.batch.tasks import BatchOptions
 from depthcli.jobs.predict import predict
 
@@ -46,23 +48,18 @@ def test_of_many_batches_that_begin_at_once_one_writes(tmp_path: Path) -> None:
     kept(tmp_path)
     manifest = tmp_path / "out" / MANIFEST
     manifest.write_bytes(manifest.read_bytes() + b'{"input": 3}\n' * 20_000)
-    start, begun, refused = threading.Barrier(8), [], []
+    start = threading.Barrier(8)
 
-    def begin() -> None:
+    def begin(_: int) -> Journal | None:
         start.wait()
-        try:
-            begun.append(Journal(tmp_path / "out"))
-        except UsageError:
-            refused.append(True)
+        with suppress(UsageError):
+            return Journal(tmp_path / "out")
+        return None
 
-    threads = [threading.Thread(target=begin) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert (len(begun), len(refused)) == (1, 7)
-    assert begun[0].row("a.png") is not None
-    begun[0].finish(NAMES)
+    with ThreadPoolExecutor(8) as pool:
+        (begun,) = (journal for journal in pool.map(begin, range(8)) if journal is not None)
+    assert begun.row("a.png") is not None
+    begun.finish(NAMES)
     assert known_rows(tmp_path / "out").row("a.png") is not None
 
 
@@ -194,18 +191,12 @@ def pair(tmp_path: Path) -> tuple[Path, Path]:
     return one, write_image(folder / "a.depth.png", synthetic_image(24, 33))
 
 
-def batch(plan: BatchPlan, folder: Path) -> BatchRequest:
-    """A batch of a plan with the tiny model."""
-    return BatchRequest(plan, model=SessionLoader(write_model(folder / "model"), "cpu"))
-
-
 def test_predict_replaces_no_input_that_links_lead_to(
-    tmp_path: Path, pair: tuple[Path, Path]
+    tmp_path: Path, pair: tuple[Path, Path], loader: SessionLoader
 ) -> None:
     folder, link = tmp_path / "out", tmp_path / "link.png"
     folder.symlink_to(pair[0].parent)
     link.symlink_to(pair[1])
-    loader = SessionLoader(write_model(tmp_path / "model"), "cpu")
     for names, out in ((pair, folder), ((pair[0], link), pair[0].parent)):
         with pytest.raises(UsageError):
             predict(predict_request(names, f"{out}/", model=loader))
@@ -225,7 +216,7 @@ def test_a_batch_whose_folder_leads_to_inputs(tmp_path: Path, pair: tuple[Path, 
     words = ["hall/a.png", "hall/a.depth.png"]
     plan = plan_files(words, "mine", str(tmp_path / "in"), str(tmp_path / "out"))
     with pytest.raises(UsageError):
-        Batch(batch(plan, tmp_path))
+        Batch(of_plan(tmp_path, plan))
     assert pair[1].read_bytes() == before
 
 
@@ -235,7 +226,7 @@ def test_a_batch_whose_input_links_to_its_outputs(tmp_path: Path, pair: tuple[Pa
     pair[1].rename(out / "hall" / "a.depth.png")
     (tmp_path / "in" / "link.png").symlink_to(out / "hall" / "a.depth.png")
     with pytest.raises(UsageError):
-        Batch(batch(plan_folder(str(tmp_path / "in"), str(out)), tmp_path))
+        Batch(of_plan(tmp_path, plan_folder(str(tmp_path / "in"), str(out))))
 
 
 def test_a_link_to_another_disk_has_the_outputs(tmp_path: Path, pair: tuple[Path, Path]) -> None:
@@ -244,7 +235,7 @@ def test_a_link_to_another_disk_has_the_outputs(tmp_path: Path, pair: tuple[Path
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "hall").symlink_to(tmp_path / "disk")
     plan = plan_folder(str(tmp_path / "in"), str(tmp_path / "out"))
-    assert len(list(Batch(batch(plan, tmp_path)))) == 1
+    assert len(list(Batch(of_plan(tmp_path, plan)))) == 1
     assert (tmp_path / "disk" / "a.depth.png").is_file()
 
 
@@ -276,7 +267,7 @@ def test_an_output_of_an_earlier_input_is_not_replaced(tmp_path: Path, count: in
         write_image(tmp_path / "in" / name, synthetic_image(24, width))
     before = {}
     for name, error in ((first, None), (later, str(tmp_path / "in" / first)), (first, None)):
-        requests = [batch(listed(tmp_path, name, shard=s), tmp_path) for s in shards]
+        requests = [of_plan(tmp_path, listed(tmp_path, name, shard=s)) for s in shards]
         would = [each for asked in requests for each in dry_run(asked, asked.model.load())]
         rows = [result.row for asked in requests for result in Batch(asked)]
         assert [each[-1] for each in would] == [row.error for row in rows]
@@ -285,7 +276,7 @@ def test_an_output_of_an_earlier_input_is_not_replaced(tmp_path: Path, count: in
         assert before in ({}, written)
         before = written
     assert [row.input for row in read_rows(tmp_path / "out") if row.status == OK] == [first]
-    together = [Batch(batch(listed(tmp_path, first, later, shard=s), tmp_path)) for s in shards]
+    together = [Batch(of_plan(tmp_path, listed(tmp_path, first, later, shard=s))) for s in shards]
     names = {file.path for job in together for result in job for file in result.row.outputs}
     assert names == {"hall/a.jpg.depth.png", "hall/a.png.depth.png"}
 
@@ -298,7 +289,7 @@ def test_an_output_of_an_earlier_input_is_replaced_on_request_or_when_that_is_go
         write_video(tmp_path / "in" / name, flat_frames([len(name), 99]))
     options = BatchOptions((Format.NPY,), overwrite=change == "overwrite")
     for name in ("a.mp4", "a.avi"):
-        (result,) = Batch(replace(batch(listed(tmp_path, name), tmp_path), options=options))
+        (result,) = Batch(of_plan(tmp_path, listed(tmp_path, name), options))
         assert result.row.error is None
         if change == "gone":
             (tmp_path / "in" / "a.mp4").unlink(missing_ok=True)

@@ -89,13 +89,9 @@ def test_other_commands_use_the_kept_camera(inside: Cli) -> None:
     pairs = inside.folder / "pairs"
     for i in range(2):
         write_image(pairs / "rgb" / f"{i}.png", np.roll(synthetic_image(), 5 * i, axis=1))
-        assert (
-            inside("predict", f"pairs/rgb/{i}.png", "-o", f"{i}.npy", "--hfov", "70").returncode
-            == 0
-        )
-        (pairs / "depth").mkdir(exist_ok=True)
+        inside("predict", f"pairs/rgb/{i}.png", "-o", f"{i}.npy", "--hfov", "70", code=0)
         depth_mm = np.load(inside.folder / f"{i}.npy") * 1500
-        cv2.imwrite(str(pairs / "depth" / f"{i}.png"), depth_mm.astype(np.uint16))
+        write_image(pairs / "depth" / f"{i}.png", depth_mm.astype(np.uint16))
     done = inside("calibrate", "robot", "--pairs", "pairs", "--hfov", "70", "--json")
     facts = json.loads(done.stdout)
     assert (facts["scale"], facts["hfov_deg"]) == (

@@ -24,7 +24,7 @@ from helpers.plates import (
 )
 from helpers.requests import predict_request, video_request
 from helpers.tiny import write_image, write_model
-from helpers.videos import flat_frames
+from helpers.videos import encode, flat_frames
 from helpers.watched import Watched
 
 import depthcli
@@ -342,16 +342,8 @@ def test_depth_of_an_anamorphic_video_has_its_pixels(
     tmp_path: Path,
     loader: SessionLoader,
 ) -> None:
-    path = tmp_path / "a.mp4"
-    with av.open(str(path), "w") as output:
-        stream = output.add_stream("mpeg4", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        stream.set_display_matrix(matrix)
-        if stated is not None:
-            stream.codec_context.sample_aspect_ratio = stated
-        for pixels in flat_frames(range(2)):
-            output.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, "rgb24")))
-        output.mux(stream.encode(None))
+    frames = tmp_path / "a.mp4", flat_frames(range(2)), Fraction(25), "mpeg4", "yuv420p"
+    path = encode(*frames, matrix=matrix, aspect=stated)
     films = (VideoFormat.MP4, VideoFormat.MOV)
     formats = (VideoFormat.EXR, *films)
     video(video_request(path, f"{tmp_path}/out/", formats, model=loader))

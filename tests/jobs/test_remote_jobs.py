@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from helpers.batches import images, outputs
+from helpers.batches import images, of_plan, outputs
 from helpers.requests import predict_request, video_request
 from helpers.stores import Bucket, Faults
 from helpers.tiny import write_image, write_model
@@ -171,9 +171,8 @@ def test_a_video_from_a_bucket_goes_on_where_it_was_stopped(
 
 
 def batch(folder: Path, source: str, out: str, shard: Shard = WHOLE) -> BatchRequest:
-    loader = SessionLoader(write_model(folder / "model", camera={"hfov_deg": 60.0}), "cpu")
-    plan = plan_folder(source, out, shard=shard)
-    return BatchRequest(plan, BatchOptions((Format.PNG16, Format.NPY)), loader, workers=2)
+    options = BatchOptions((Format.PNG16, Format.NPY))
+    return of_plan(folder, plan_folder(source, out, shard=shard), options)
 
 
 @pytest.fixture
@@ -323,8 +322,7 @@ def test_lists_name_objects(tmp_path: Path, bucket: Bucket, tree: dict[str, byte
     assert {local, bucket.uri("in/a.png")} < {found.path for found in plan.inputs}
     plan = plan_files(words[:1], "the test", ".", str(tmp_path / "o"))
     assert [found.name for found in plan.inputs] == [f"{bucket.name}/in/z.png"]
-    loader = SessionLoader(write_model(tmp_path / "model", camera={"hfov_deg": 60.0}), "cpu")
-    (result,) = Batch(BatchRequest(plan, BatchOptions((Format.NPY,)), loader))
+    (result,) = Batch(of_plan(tmp_path, plan, BatchOptions((Format.NPY,))))
     assert (tmp_path / "o" / result.row.outputs[0].path).read_bytes() == tree["z.depth.npy"]
     with pytest.raises(UsageError):
         list(read_list(bucket.uri("none.txt")))

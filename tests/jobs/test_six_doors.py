@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.requests import predict_request, video_request
-from helpers.tiny import synthetic_image, write_model
+from helpers.tiny import synthetic_image
 
 import depthcli
 from depthcli.core.camera import Intrinsics
@@ -105,10 +105,9 @@ DOORS = (by_predict, by_batch, by_archive, by_serve, by_python, by_video)
 
 @pytest.mark.parametrize("door", DOORS[1:])
 def test_each_door_writes_the_bytes_of_predict_and_gives_its_warnings(
-    door: Callable[[Path, SessionLoader, Path], Result], tmp_path: Path
+    door: Callable[[Path, SessionLoader, Path], Result], tmp_path: Path, loader: SessionLoader
 ) -> None:
     """Batches, videos and predict_many said nothing of a focal length that scales no depth."""
-    loader = SessionLoader(write_model(tmp_path / "plain"), "cpu", threads=1)
     pixels = cv2.imencode(".png", synthetic_image(24, 32).astype(np.uint16))[1].tobytes()
     results = []
     for number, each in enumerate((by_predict, door)):
@@ -125,10 +124,9 @@ def test_each_door_writes_the_bytes_of_predict_and_gives_its_warnings(
 
 @pytest.mark.parametrize("door", DOORS)
 def test_no_door_makes_depth_of_depth(
-    door: Callable[[Path, SessionLoader, Path], Result], tmp_path: Path
+    door: Callable[[Path, SessionLoader, Path], Result], tmp_path: Path, loader: SessionLoader
 ) -> None:
     """``predict a.jpg -o depth.png`` and ``batch`` made depth.depth.png."""
-    loader = SessionLoader(write_model(tmp_path / "plain"), "cpu", threads=1)
     image = tmp_path / "in" / "a.png"
     image.parent.mkdir()
     Png16Writer().write(DepthMap(np.ones((24, 32), np.float32), DepthKind.METRIC), image)

@@ -22,12 +22,6 @@ from depthcli.video.depth_video import DepthVideo
 from depthcli.video.formats import VideoFormat
 
 
-def write_names(folder: Path, names: str) -> None:
-    for name in names.split():
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).touch()
-
-
 @pytest.mark.parametrize(
     ("names", "bases"),
     [
@@ -39,7 +33,9 @@ def write_names(folder: Path, names: str) -> None:
     ],
 )
 def test_a_sequence_is_named_as_one_file(names: str, bases: dict[str, str], tmp_path: Path) -> None:
-    write_names(tmp_path, names)
+    for name in names.split():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
     assert {name: video_base(tmp_path / name) for name in bases} == bases
 
 

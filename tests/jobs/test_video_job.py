@@ -15,7 +15,7 @@ import pytest
 from helpers.file_trees import contents
 from helpers.requests import video_request
 from helpers.tiny import load, write_image, write_model
-from helpers.videos import NTSC, encode, flat_frames, write_mp4, write_video
+from helpers.videos import NTSC, encode, flat_frames, write_mp4, write_ramp, write_video
 from helpers.watched import Watched
 
 import depthcli
@@ -45,10 +45,8 @@ from depthcli.video.source import VideoSource
 
 @pytest.fixture
 def clip(tmp_path: Path) -> Path:
-    """A clip at 30000/1001 whose frames get brighter, hence farther for the tiny model."""
-    columns = [np.linspace(i, 64 + 7 * i, 64).astype(np.uint8) for i in range(24)]
-    images = [np.tile(column[None, :, None], (48, 1, 3)) for column in columns]
-    return write_mp4(tmp_path / "clip.mp4", images)
+    """24 frames that get brighter."""
+    return write_ramp(tmp_path / "clip.mp4")
 
 
 def run(path: Path, output: Path | str, loader: SessionLoader, **settings: Any) -> VideoResult:

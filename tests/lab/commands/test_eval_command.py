@@ -4,11 +4,9 @@ import csv
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
-from helpers.tiny import write_model
+from helpers.tiny import write_image, write_model
 
 from depthcli.cli.app import main
 from depthcli.errors import ExitCode
@@ -17,24 +15,18 @@ from depthcli.lab.metrics.depth import METRICS
 COUNT = 11
 
 
-def _depth_m(i: int) -> npt.NDArray[np.float32]:
-    rows, columns = np.mgrid[0:480, 0:640].astype(np.float32)
-    return 1.5 + i * 0.1 + 2.5 * rows / 480 + 1.5 * columns / 640
-
-
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Eleven scenes of one pair: V of each image is what the tiny model takes for its depth."""
     root = tmp_path_factory.mktemp("nyu")
-    (root / "rgb").mkdir()
-    (root / "depth").mkdir()
     lines = ["id,scene,official_split"]
+    rows, columns = np.mgrid[0:480, 0:640].astype(np.float32)
     for i in range(COUNT):
-        depth_m = _depth_m(i)
+        depth_m = 1.5 + i * 0.1 + 2.5 * rows / 480 + 1.5 * columns / 640
         value = np.round((depth_m - 1) / 8 * 255).astype(np.uint8)
         name = f"{i:04d}.png"
-        cv2.imwrite(str(root / "rgb" / name), np.dstack([value] * 3))
-        cv2.imwrite(str(root / "depth" / name), np.round(depth_m * 1000).astype(np.uint16))
+        write_image(root / "rgb" / name, np.dstack([value] * 3))
+        write_image(root / "depth" / name, np.round(depth_m * 1000).astype(np.uint16))
         lines.append(f"{i:04d},room_{i:04d},{'test' if i % 2 else 'train'}")
     (root / "index.csv").write_text("\n".join(lines))
     return root

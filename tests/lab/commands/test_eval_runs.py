@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from helpers.rooms import large_rooms, write_rooms
-from helpers.tiny import load
+from helpers.tiny import load, write_image
 from lightning_fabric import Fabric
 
 from depthcli.cli.app import main
@@ -148,8 +148,7 @@ def test_runs_on_pairs_of_ones_own_are_compared_on_their_scenes_that_were_held_o
             ("rgb", numbers.integers(0, 255, (*size, 3), np.uint8)),
             ("depth", numbers.integers(0, 256 * depth_m, size).astype(np.uint16)),
         ):
-            (yard / kind / scene).mkdir(parents=True)
-            cv2.imwrite(str(yard / kind / scene / "0.png"), values)
+            write_image(yard / kind / scene / "0.png", values)
     (yard / "cameras.csv").write_text("id,focal_px\na/0,90\nb/0,50\nc/0,40\nd/0,40")
     own = {"data": {"units_per_metre": 256.0}, "output": {"max_m": 30.0}}
     opened = open_training_data(yard, paired=True, units_per_metre=256)

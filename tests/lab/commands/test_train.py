@@ -8,7 +8,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from helpers.runs import finished, inside, write_run
+from helpers.command_line import finished
+from helpers.runs import ENVIRONMENT, inside, write_run
 
 from depthcli.cli.app import main
 from depthcli.cli.options import ScreenOptions
@@ -16,10 +17,6 @@ from depthcli.core.parallel import usable_cores
 from depthcli.lab.commands.screen import EpochCallback
 from depthcli.lab.training.checkpoint import Checkpoint
 from depthcli.lab.training.provenance import TrainState
-
-
-def _run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return inside(folder, "train", *arguments)
 
 
 @pytest.fixture
@@ -32,13 +29,13 @@ COMMON += ("--config", "tiny.toml", "--threads", "1", "--accelerator", "cpu")
 
 
 def _train(folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
-    return _run(folder, *COMMON, *more)
+    return inside(folder, "train", *COMMON, *more)
 
 
 def test_trains_stops_continues_and_reports(folder: Path) -> None:
     settings = ("--set", "validate_every=1")
     command = [sys.executable, "-m", "depthcli", "train", *COMMON]
-    stopped = finished([*command, *settings, "--max-minutes", "0"], folder)
+    stopped = finished([*command, *settings, "--max-minutes", "0"], folder, env=ENVIRONMENT)
     assert stopped.returncode == 0, stopped.stderr
     assert stopped.stdout == ""
     done = _train(folder, *settings, "--json")
@@ -68,14 +65,14 @@ def test_a_run_goes_on_with_its_own_settings_and_threads(folder: Path) -> None:
     common = ("--data", "data", "--out", "run", "--accelerator", "cpu", "--quiet")
     again = ("--preset", "bundled", "--config", "tiny.toml", "--set", "seed=3")
     for given in ((), again):
-        done = _run(folder, "proposed", *common, *given, "--max-minutes", "0")
+        done = inside(folder, "train", "proposed", *common, *given, "--max-minutes", "0")
         assert (done.returncode, done.stderr) == (0, "")
     saved = Checkpoint.load(folder / "run" / "last.ckpt")
     assert saved.config == begun.config
     assert (saved.state.step, saved.config.seed) == (3, 3)
     if usable_cores() > 1:
         assert begun.state.threads == saved.state.threads == 2
-    other = _run(folder, "cut", *common, "--set", "optim.batch_size=4")
+    other = inside(folder, "train", "cut", *common, "--set", "optim.batch_size=4")
     assert other.returncode == 3
     assert "optim.batch_size" in other.stderr
 
@@ -94,13 +91,13 @@ def test_a_finished_run_goes_on_for_more_epochs(folder: Path) -> None:
 
 
 def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> None:
-    shown = _run(folder, "proposed", "--preset", "bundled", "--show-config")
+    shown = inside(folder, "train", "proposed", "--preset", "bundled", "--show-config")
     assert shown.returncode == 0, shown.stderr
     values = tomllib.loads(shown.stdout)
     assert values["generator"]["name"] == "efficient"
     assert values["loss"]["weight_penalty"] == 0
     (folder / "shown.toml").write_text(shown.stdout)
-    again = _run(folder, "proposed", "--config", "shown.toml", "--show-config")
+    again = inside(folder, "train", "proposed", "--config", "shown.toml", "--show-config")
     assert again.stdout == shown.stdout
 
 

@@ -8,8 +8,9 @@ import time
 from pathlib import Path
 
 import pytest
-from helpers.command_line import unmeasured
-from helpers.runs import ENVIRONMENT, RESNET_TOML, finished, inside, same, saved, write_run
+from helpers.command_line import finished, unmeasured
+from helpers.file_trees import contents
+from helpers.runs import ENVIRONMENT, RESNET_TOML, inside, same, saved, write_run
 
 EPOCHS = ("cyclegan", "--set", "optim.epochs_decay=3", "--set", "validate_every=99", "--quiet")
 """Twenty steps in four epochs."""
@@ -129,19 +130,15 @@ os.execv(sys.argv[1], sys.argv[1:])
 
 def test_full_disk_is_one_line_and_the_checkpoint_stays(folder: Path) -> None:
     assert _train(folder, *EPOCHS, "--out", "run", "--max-minutes", "0").returncode == 0
-    before = _snapshot(folder / "run")
+    before = contents(folder / "run")
     command = [sys.executable, "-m", "depthcli", *_words(*EPOCHS, "--out", "run")]
     done = finished([sys.executable, "-c", _FULL, *command], folder, env=unmeasured(ENVIRONMENT))
     assert (done.returncode, done.stderr.count("\n")) == (3, 1), done.stderr
     assert "run/last.ckpt" in done.stderr
-    after = _snapshot(folder / "run")
+    after = contents(folder / "run")
     assert after.pop("metrics.jsonl", b"")  # an epoch was logged that is not in the checkpoint
     assert after == before
     assert _train(folder, *EPOCHS, "--out", "run").returncode == 0
     log = (folder / "run" / "metrics.jsonl").read_text().splitlines()
     assert len(log) == 4  # each epoch once
     assert saved(folder / "run")["state"]["step"] == 20
-
-
-def _snapshot(folder: Path) -> dict[str, bytes]:
-    return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}

@@ -1,14 +1,13 @@
 """Tiny data sets with the layouts of the real ones."""
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import h5py
 import numpy as np
 import numpy.typing as npt
 import pytest
+from helpers.tiny import write_image
 
 SCENES = ("kitchen_0004", "kitchen_0004", "office_0003", "bedroom_0010", "study_0002")
 PARTS = ("test", "test", "train", "train", "test")
@@ -32,32 +31,17 @@ def _content() -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]]:
     return images, (millimetres / 1000).astype(np.float32)
 
 
-def write_index(path: Path, ids: list[str]) -> None:
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["id", "scene", "official_split"])
-        writer.writerows(zip(ids, SCENES, PARTS, strict=True))
-
-
-def write_depth(path: Path, depth_m: npt.NDArray[np.float32]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    assert cv2.imwrite(str(path), np.round(depth_m * 1000).astype(np.uint16))
-
-
-def write_image(path: Path, pixels: npt.NDArray[np.uint8]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    assert cv2.imwrite(str(path), pixels[..., ::-1])
-
-
 @pytest.fixture
 def nyu_folder(tmp_path: Path) -> Made:
     """rgb/ID.png (lossless, to compare pixels), depth/ID.png, index.csv."""
     images, depths_m = _content()
-    ids = [f"{i:04d}" for i in range(len(SCENES))]
-    for i, name in enumerate(ids):
-        write_image(tmp_path / "rgb" / f"{name}.png", images[i])
-        write_depth(tmp_path / "depth" / f"{name}.png", depths_m[i])
-    write_index(tmp_path / "index.csv", ids)
+    lines = ["id,scene,official_split"]
+    for i, (scene, part) in enumerate(zip(SCENES, PARTS, strict=True)):
+        write_image(tmp_path / "rgb" / f"{i:04d}.png", images[i])
+        millimetres = np.round(depths_m[i] * 1000).astype(np.uint16)
+        write_image(tmp_path / "depth" / f"{i:04d}.png", millimetres)
+        lines.append(f"{i:04d},{scene},{part}")
+    (tmp_path / "index.csv").write_text("\n".join(lines))
     return Made(tmp_path, images, depths_m, depths_m)
 
 

@@ -3,24 +3,26 @@
 import doctest
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
-import cv2
 import numpy as np
 import pytest
+from helpers.in_memory import InMemory
+from helpers.made import exif, jpeg_with_exif
+from helpers.tiny import write_image
 from hypothesis import given, strategies as st
-from PIL import Image
 
 from depthcli.errors import DatasetError
 from depthcli.lab.datasets import base as splits
 from depthcli.lab.datasets.base import SplitName, held_out_scenes, split_nyu
 from depthcli.lab.datasets.folders import open_paired_folder, open_unpaired_folder
 from depthcli.lab.evaluation.task import plan_nyu
+from depthcli.lab.metrics import depth as metrics
 
 
 def _write(path: Path, value: int, *, depth: bool, size: tuple[int, int] = (6, 8)) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
     pixels = np.full(size, value, np.uint16) if depth else np.full((*size, 3), value, np.uint8)
-    assert cv2.imwrite(str(path), pixels)
+    write_image(path, pixels)
 
 
 def _pair(folder: Path, image: str, value: int, depth: str, millimetres: int) -> None:
@@ -56,8 +58,7 @@ def test_depth_of_another_size_is_compared_in_the_view_of_its_image(tmp_path: Pa
     """As in ScanNet, where the two cameras have sizes of their own."""
     _write(tmp_path / "rgb" / "a.png", 10, depth=False, size=(12, 16))
     halves = np.repeat(np.uint16([[1000, 3000]]), 4, axis=1) * np.ones((6, 1), np.uint16)
-    (tmp_path / "depth").mkdir()
-    assert cv2.imwrite(str(tmp_path / "depth" / "a.png"), halves)
+    write_image(tmp_path / "depth" / "a.png", halves)
     depth_m = open_paired_folder(tmp_path).depth_m(0)
     np.testing.assert_array_equal(depth_m, np.repeat([[1.0, 3.0]], 8, axis=1) * np.ones((12, 1)))
     _write(tmp_path / "rgb" / "a.png", 10, depth=False, size=(12, 12))
@@ -66,10 +67,8 @@ def test_depth_of_another_size_is_compared_in_the_view_of_its_image(tmp_path: Pa
 
 
 def test_image_that_is_turned_upright_takes_upright_depth(tmp_path: Path) -> None:
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    (tmp_path / "rgb").mkdir()
-    Image.new("RGB", (16, 12)).save(tmp_path / "rgb" / "a.jpg", exif=exif)
+    image = write_image(tmp_path / "rgb" / "a.jpg", np.zeros((12, 16, 3), np.uint8))
+    image.write_bytes(jpeg_with_exif(image.read_bytes(), exif(6)))
     _write(tmp_path / "depth" / "a.png", 2000, depth=True, size=(16, 12))
     dataset = open_paired_folder(tmp_path)
     assert dataset.image(0).shape[:2] == dataset.depth_m(0).shape == (16, 12)
@@ -82,13 +81,13 @@ def test_unpaired_folder_without_depth_in_millimetres(
     _write(tmp_path / "rgb" / "a.jpg", 10, depth=False)
     (tmp_path / "depth").mkdir()
     if depth is not None:
-        assert cv2.imwrite(str(tmp_path / "depth" / "b.png"), np.full((4, 4), depth))
+        write_image(tmp_path / "depth" / "b.png", np.full((4, 4), depth))
     with pytest.raises(DatasetError):
         open_unpaired_folder(tmp_path)
 
 
 @dataclass(frozen=True)
-class Listed:
+class Listed(InMemory):
     """Names only."""
 
     ids: tuple[str, ...]
@@ -97,12 +96,6 @@ class Listed:
 
     def __len__(self) -> int:
         return len(self.ids)
-
-    def image(self, i: int) -> np.ndarray:
-        raise NotImplementedError
-
-    def depth_m(self, i: int) -> np.ndarray:
-        raise NotImplementedError
 
 
 def _listed(labels: range) -> Listed:
@@ -196,8 +189,9 @@ def test_held_out_scenes_do_not_depend_on_order_or_repetition(
     assert held_out_scenes([*reversed(scenes), *scenes], every, offset) == expected
 
 
-def test_examples_in_the_docstrings() -> None:
-    result = doctest.testmod(splits)
+@pytest.mark.parametrize("module", [splits, metrics])
+def test_examples_in_the_docstrings(module: ModuleType) -> None:
+    result = doctest.testmod(module)
     assert result.attempted > 0
     assert result.failed == 0
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 import pytest
 from helpers import made
+from helpers.tiny import write_image
 
 from depthcli.core.camera import Intrinsics
 from depthcli.core.types import Frame
@@ -30,14 +30,12 @@ ROOT = Path(__file__).parents[3]
 
 def _image(root: Path, *names: str, size: tuple[int, int] = (6, 8)) -> None:
     for name in names:
-        (root / name).parent.mkdir(parents=True, exist_ok=True)
-        assert cv2.imwrite(str(root / name), np.full((*size, 3), 9, np.uint8))
+        write_image(root / name, np.full((*size, 3), 9, np.uint8))
 
 
 def _depth(root: Path, *names: str, units: int = 2000, size: tuple[int, int] = (6, 8)) -> None:
     for name in names:
-        (root / name).parent.mkdir(parents=True, exist_ok=True)
-        assert cv2.imwrite(str(root / name), np.full(size, units, np.uint16))
+        write_image(root / name, np.full(size, units, np.uint16))
 
 
 def _listed(root: Path, **more: tuple[str, str]) -> dict[str, tuple[str, str]]:
@@ -119,10 +117,9 @@ def test_depth_of_the_sensor_is_turned_with_its_image(
     size: tuple[int, int], tmp_path: Path
 ) -> None:
     depth_mm = np.arange(1000, 1000 + size[0] * size[1], dtype=np.uint16).reshape(size)
-    _image(tmp_path, "rgb/a.jpg", "depth/a.png", size=size)
-    cv2.imwrite(str(tmp_path / "depth/a.png"), depth_mm)
-    jpeg = made.encoded(".jpg", np.full((*size, 3), 99, np.uint8))
-    (tmp_path / "rgb/a.jpg").write_bytes(made.jpeg_with_exif(jpeg, made.exif(6)))
+    write_image(tmp_path / "depth/a.png", depth_mm)
+    image = write_image(tmp_path / "rgb/a.jpg", np.full((*size, 3), 99, np.uint8))
+    image.write_bytes(made.jpeg_with_exif(image.read_bytes(), made.exif(6)))
     dataset, is_square = open_paired_folder(tmp_path), size == (16, 16)
     expected = depth_mm if is_square else upright(depth_mm, 6)
     np.testing.assert_allclose(dataset.depth_m(0), expected / 1000)
@@ -259,11 +256,9 @@ def test_folders_of_ultralytics_hold_out_their_validation_part(tmp_path: Path) -
 def _fill(folder: Path, images: list[str], depths: list[str]) -> Path:
     for kind, names in (("rgb", images), ("depth", depths)):
         for number, name in enumerate(names):
-            file = folder / kind / f"{name}.png"
-            file.parent.mkdir(parents=True, exist_ok=True)
             image = np.full((6, 8, 3), number, np.uint8)
             depth = np.full((4, 4) if name[0] == "z" else (6, 8), 1000 + number, np.uint16)
-            assert cv2.imwrite(str(file), image if kind == "rgb" else depth)
+            write_image(folder / kind / f"{name}.png", image if kind == "rgb" else depth)
     return folder
 
 
@@ -428,10 +423,9 @@ def test_a_model_that_learns_pairs_of_any_camera_gives_their_metres(tmp_path: Pa
     card = replace(card, camera=CameraSpec(63.3))
     names = ("a.png", "b.png", "c.png")
     _image(tmp_path / "rgb", *names, size=(24, 32))
-    (tmp_path / "depth").mkdir()
     for name in names:
         depth = random.integers(500, 9000, (24, 32)).astype(np.uint16)
-        assert cv2.imwrite(str(tmp_path / "depth" / name), depth)
+        write_image(tmp_path / "depth" / name, depth)
     (tmp_path / "cameras.csv").write_text("id,focal_px\na,15\nb,26\nc,60\n")
     data, truth = open_training_data(tmp_path, paired=True), open_paired_folder(tmp_path)
     assert data.hfov_deg == card.camera.hfov_deg
@@ -456,13 +450,7 @@ def test_a_model_that_learns_pairs_of_any_camera_gives_their_metres(tmp_path: Pa
     ],
 )
 def test_incomplete_cameras_csv_is_refused(tmp_path: Path, text: str, message: str) -> None:
-    for kind, pixels in (("rgb", np.zeros((4, 4, 3), np.uint8)), ("depth", np.uint16([[2000]]))):
-        (tmp_path / kind).mkdir()
-        for name in "ab":
-            cv2.imwrite(
-                str(tmp_path / kind / f"{name}.png"),
-                np.broadcast_to(pixels, (4, 4, *pixels.shape[2:])).copy(),
-            )
+    _fill(tmp_path, ["a", "b"], ["a", "b"])
     assert open_paired_folder(tmp_path).focal_px == ()
     (tmp_path / "cameras.csv").write_text("\ufeffid,focal_px\na,30\nb,40\n")  # as Excel writes it
     assert open_paired_folder(tmp_path).focal_px == (30, 40)

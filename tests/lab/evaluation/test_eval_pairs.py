@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from helpers.tiny import write_model
+from helpers.tiny import write_image, write_model
 from PIL import Image
 
 from depthcli.cli.app import main
@@ -29,12 +29,10 @@ def data(tmp_path: Path) -> Path:
     value = np.round(255 * (0.1 + 0.3 * rows) * np.ones((1, WIDTH), np.float32)).astype(np.uint8)
     lines = ["id,focal_px"]
     for name, factor in FACTORS.items():
-        image, depth = tmp_path / f"own/rgb/{name}.png", tmp_path / f"own/depth/{name}.png"
-        for file in (image, depth):
-            file.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(image), np.dstack([value] * 3))
+        write_image(tmp_path / f"own/rgb/{name}.png", np.dstack([value] * 3))
         depth_m = (1 + 8 * value.astype(np.float32) / 255) * factor
-        cv2.imwrite(str(depth), np.round(depth_m * 1000).astype(np.uint16))
+        millimetres = np.round(depth_m * 1000).astype(np.uint16)
+        write_image(tmp_path / f"own/depth/{name}.png", millimetres)
         lines.append(f"{name},{FOCAL_PX * factor}")
     (tmp_path / "own/cameras.csv").write_text("\n".join(lines))
     write_model(tmp_path / "tiny", camera={"hfov_deg": HFOV_DEG})
@@ -50,9 +48,7 @@ def _millimetres(data: Path) -> dict[str, Any]:
 
 
 def _row(data: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, Any]:
-    words = ["eval", "pairs", str(data), "--model", str(data.parent / "tiny"), "--json", *more]
-    assert main(words) == ExitCode.OK
-    document = json.loads(capsys.readouterr().out)
+    document, _ = _table(capsys, str(data), "--model", str(data.parent / "tiny"), *more)
     (row,) = document["rows"]
     assert document["dataset"] == "own"
     is_known = (data / "cameras.csv").exists()

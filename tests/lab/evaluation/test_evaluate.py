@@ -192,7 +192,6 @@ def test_metres_are_scaled_to_the_camera_of_each_image(tmp_path: Path, own_camer
 
 # The paper split needs pairs around number 1000; the headline protocol needs the full size.
 AROUND_1000 = {"count": 8, "first": 995}
-ANY_SIZE = EvalProtocol(full_size_px=(WIDTH, HEIGHT))
 
 
 TABLE_I = """
@@ -225,7 +224,7 @@ def test_trivial_rows_know_the_training_part_only() -> None:
     dataset = small_set(**AROUND_1000)
     task = plan_nyu(dataset, SplitName.PAPER)
     assert task.ids == ("1000", "1001", "1002")
-    report = evaluate(task, [], EvalOptions(ANY_SIZE))
+    report = evaluate(task, [], EvalOptions(PROTOCOL))
     assert dataset.depth_reads == dict.fromkeys(range(8), 1)
     assert [(row.name, row.alignment) for row in report.rows] == [
         ("constant mean", "none"),
@@ -234,7 +233,7 @@ def test_trivial_rows_know_the_training_part_only() -> None:
         ("per-pixel mean", "median"),
     ]
     dataset.depths_m[5:] *= 0.5
-    changed = evaluate(task, [], EvalOptions(ANY_SIZE))
+    changed = evaluate(task, [], EvalOptions(PROTOCOL))
     assert report.rows[0].scores != changed.rows[0].scores
     assert any(
         "computed from 5 of the split's 1000 training pairs" in note for note in report.notes
@@ -243,7 +242,7 @@ def test_trivial_rows_know_the_training_part_only() -> None:
 
 def test_test_part_alone_has_no_trivial_rows_and_says_so() -> None:
     task = plan_nyu(small_set(3, first=1000), SplitName.PAPER)
-    report = evaluate(task, [], EvalOptions(ANY_SIZE))
+    report = evaluate(task, [], EvalOptions(PROTOCOL))
     assert report.rows == ()
     assert any("baselines are omitted" in note for note in report.notes)
 

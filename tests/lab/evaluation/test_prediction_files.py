@@ -1,9 +1,9 @@
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from helpers.small_set import small_set
+from helpers.tiny import write_image
 
 from depthcli.core.options import DepthEncoding
 from depthcli.core.types import DepthKind, DepthMap
@@ -24,12 +24,12 @@ def _write_npy(folder: Path, value: float = 2.0) -> None:
 
 def _write_png(folder: Path, value: int = 3000) -> None:
     for name in IDS:
-        assert cv2.imwrite(str(folder / f"{name}.png"), np.full((4, 6), value, np.uint16))
+        write_image(folder / f"{name}.png", np.full((4, 6), value, np.uint16))
 
 
 def test_a_scale_is_for_files_that_state_none(tmp_path: Path) -> None:
     png, integers, stated = (tmp_path / name for name in ("png", "npy", "stated"))
-    for folder in (png, integers, stated):
+    for folder in (integers, stated):
         folder.mkdir()
     _write_png(png, 768)
     for name in IDS:
@@ -124,9 +124,7 @@ def _samples(root: Path, names: tuple[str, str], patterns: tuple[str, str] | Non
     """Two pairs, 1 and 2."""
     for name, pixels in zip(names, (np.zeros((4, 6, 3)), np.full((4, 6), 999)), strict=True):
         for number in "12":
-            file = root / name.format(number)
-            file.parent.mkdir(parents=True, exist_ok=True)
-            assert cv2.imwrite(str(file), pixels.astype(np.uint16))
+            write_image(root / name.format(number), pixels.astype(np.uint16))
     dataset = open_paired_folder(root, patterns=patterns)
     return [Sample(dataset, i) for i in (0, 1)]
 

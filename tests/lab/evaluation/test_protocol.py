@@ -44,16 +44,12 @@ def test_raw_mask_counts_measured_pixels() -> None:
     assert truth.depth_m.size < filled.depth_m.size
 
 
-def test_raw_depth_of_another_size() -> None:
+def test_truth_and_raw_depth_have_to_have_the_full_size() -> None:
+    ones = np.ones((HEIGHT, WIDTH), np.float32)
     with pytest.raises(DatasetError):
-        EvalProtocol(mask=Mask.RAW, full_size_px=SMALL).truth(
-            np.ones((HEIGHT, WIDTH), np.float32), np.ones((2, 2), np.float32)
-        )
-
-
-def test_truth_has_to_have_the_full_size() -> None:
+        EvalProtocol().truth(ones)
     with pytest.raises(DatasetError):
-        EvalProtocol().truth(np.ones((HEIGHT, WIDTH), np.float32))
+        EvalProtocol(mask=Mask.RAW, full_size_px=SMALL).truth(ones, np.ones((2, 2), np.float32))
     assert EvalProtocol(full_size_px=None).truth(np.ones((3, 5), np.float32)).valid.all()
 
 

@@ -200,15 +200,12 @@ def test_other_protocols_and_files_are_refused(tmp_path: Path) -> None:
             compare_reports(a, b)
 
 
-BY_PARTS = EvalOptions(
-    EvalProtocol(full_size_px=(WIDTH, HEIGHT)), trivial=False, per_image=True, parts=tuple(Part)
-)
-ROWS = [Playback(noisy(DATASET, seed=seed), name=name) for seed, name in enumerate("ab")]
+BY_PARTS = replace(OPTIONS, parts=tuple(Part))
 
 
 @pytest.fixture(scope="module")
 def report() -> EvalReport:
-    return evaluate(plan_pairs(DATASET, "own"), ROWS, BY_PARTS)
+    return evaluate(TASK, [A, B], BY_PARTS)
 
 
 def _errors(row: Playback, near_m: float, far_m: float) -> list[float]:
@@ -228,7 +225,7 @@ def test_distance_is_over_the_pixels_of_each_range(report: EvalReport) -> None:
     names = [f"{near:g}-{far:g} m" for near, far in pairwise(edges)]
     assert [one.part for one in scored] == [name for name in names for _ in "ab"]
     for i, one in enumerate(scored):
-        errors = _errors(ROWS["ab".index(one.row)], edges[i // 2], edges[i // 2 + 1])
+        errors = _errors({"a": A, "b": B}[one.row], edges[i // 2], edges[i // 2 + 1])
         assert one.count == len(errors)
         if errors:
             assert one.scores["abs_rel"] == pytest.approx(sum(errors) / len(errors), rel=1e-6)
@@ -263,5 +260,5 @@ def test_text_html_and_json_have_each_part(report: EvalReport) -> None:
 
 def test_aligned_rows_are_told_apart() -> None:
     both = replace(BY_PARTS, alignments=(Alignment.NONE, Alignment.MEDIAN), parts=(Part.DISTANCE,))
-    found = evaluate(plan_pairs(DATASET, "own"), ROWS[:1], both)
+    found = evaluate(TASK, [A], both)
     assert {one.row for one in found.breakdowns[0].scored} == {"a", "a, median"}

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 import onnx
-import onnxruntime
 import pytest
 import torch
-from helpers.small import ALL, EFFICIENT, RESNET, small_network
+from helpers.small import ALL, EFFICIENT, RESNET, run_onnx, small_network
 from helpers.tiny import tiny_onnx
 from onnx import TensorProto
 from torch import Tensor, nn
@@ -24,14 +23,6 @@ Array = np.ndarray[Any, np.dtype[np.float32]]
 
 def _noise(*shape: int) -> Array:
     return np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
-
-
-def _run(model: onnx.ModelProto, image: Array) -> Array:
-    session = onnxruntime.InferenceSession(
-        model.SerializeToString(), providers=["CPUExecutionProvider"]
-    )
-    output: Array = session.run(None, {"image": image})[0]
-    return output
 
 
 def _torch(network: torch.nn.Module, image: Array) -> Array:
@@ -56,7 +47,7 @@ def test_computes_what_the_network_computes_at_any_batch_and_size(
     for shape in shapes:
         wanted = _torch(network, _noise(*shape))
         assert wanted.std() > 0.05
-        np.testing.assert_allclose(_run(model, _noise(*shape)), wanted, atol=2e-4)
+        np.testing.assert_allclose(run_onnx(model, _noise(*shape)), wanted, atol=2e-4)
 
 
 def test_old_runtimes_can_load_it(exported: tuple[nn.Module, onnx.ModelProto]) -> None:
@@ -89,14 +80,14 @@ def test_everything_is_in_one_file_that_tells_nothing_of_this_machine() -> None:
 def test_halved_weights_halve_the_file_and_keep_float32_sums(config: GeneratorConfig) -> None:
     image = _noise(2, 1, 32, 48)
     model = build_graph(small_network(config))
-    whole, wanted = _weight_bytes(model), _run(model, image)
+    whole, wanted = _weight_bytes(model), run_onnx(model, image)
     weights_to_float16(model)
     onnx.checker.check_model(model, full_check=True)
     assert _weight_bytes(model) < 0.56 * whole
     small = [tensor for tensor in model.graph.initializer if math.prod(tensor.dims) < 64]
     assert small
     assert TensorProto.FLOAT16 not in {tensor.data_type for tensor in small}
-    found = _run(model, image)
+    found = run_onnx(model, image)
     assert found.dtype == np.float32
     difference = np.abs(found - wanted)
     assert 0 < difference.max() < 2e-2
@@ -114,7 +105,7 @@ def test_other_opsets(opset: int) -> None:
     network, image = small_network(EFFICIENT), _noise(1, 1, 32, 32)
     model = build_graph(network, opset=opset)
     assert [entry.version for entry in model.opset_import] == [opset]
-    np.testing.assert_allclose(_run(model, image), _torch(network, image), atol=2e-4)
+    np.testing.assert_allclose(run_onnx(model, image), _torch(network, image), atol=2e-4)
 
 
 CASES = ((1, 12, 16), (2, 24, 8))

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import onnx
-import onnxruntime
 import pytest
 import torch
 import torch.nn.functional as F  # noqa: N812
+from helpers.small import run_onnx
 from helpers.tiny import synthetic_image, write_image
 from onnx.numpy_helper import to_array
 from torch import Tensor, nn
 
-from depthcli.core.types import DepthMap, Float32Array
+from depthcli.core.types import DepthMap
 from depthcli.io.formats.raster import Png16Writer
 from depthcli.lab.export.graph import build_graph, check_parity
 from depthcli.lab.export.int8 import (
@@ -27,15 +27,6 @@ from depthcli.lab.training.config import GeneratorConfig
 from depthcli.lab.training.networks.efficient import EfficientGenerator
 from depthcli.lab.training.networks.prompted import PromptedGenerator
 from depthcli.models.card import Colour, Fit, InputSpec
-
-
-def _run(model: onnx.ModelProto, image: Float32Array) -> Float32Array:
-    session = onnxruntime.InferenceSession(
-        model.SerializeToString(), providers=["CPUExecutionProvider"]
-    )
-    output: Float32Array = session.run(None, {"image": image})[0]
-    return output
-
 
 SPEC = InputSpec(Colour.VALUE, 64, 48, True, 4, Fit.STRETCH, (0.5,), (0.5,))
 
@@ -63,10 +54,7 @@ def test_int8_is_smaller_and_close(tmp_path: Path) -> None:
     assert any(w.dtype == np.uint8 for w in map(to_array, small.graph.initializer))  # activations
     assert not logging.root.manager.disable
     for batch in batches:
-        a, b = (
-            onnxruntime.InferenceSession(m.SerializeToString()).run(None, {"image": batch})[0]
-            for m in (model, small)
-        )
+        a, b = (run_onnx(m, batch) for m in (model, small))
         assert 0 < np.abs(a - b).max() < 0.1 * np.ptp(a) + 0.02
         assert len(np.unique(b)) > 256  # no steps of depth
     assert [node.op_type for node in small.graph.node if "image" in node.input] == ["Conv"]
@@ -172,7 +160,7 @@ def test_features_beside_larger_ones_keep_their_levels(monkeypatch: pytest.Monke
     batches = [random.uniform(-1, 1, (1, 1, 32, 32)).astype(np.float32) for _ in range(4)]
 
     def error(other: onnx.ModelProto) -> float:
-        return float(np.std([_run(other, batch) - _run(model, batch) for batch in batches]))
+        return float(np.std([run_onnx(other, batch) - run_onnx(model, batch) for batch in batches]))
 
     equal = with_own_weights(model)
     equalize(equal, [{"image": batch} for batch in batches])
@@ -189,5 +177,5 @@ def test_depthwise_convolutions_are_rounded_as_well() -> None:
     network.append(nn.Conv2d(8, 1, 1)).eval()
     image = np.random.default_rng(0).uniform(-1, 1, (1, 1, 32, 32)).astype(np.float32)
     model = build_graph(network)
-    exact, found = (_run(each, image) for each in (model, quantize(model, [image], network)))
+    exact, found = (run_onnx(each, image) for each in (model, quantize(model, [image], network)))
     assert np.abs(found - exact).max() < 0.1 * np.ptp(exact)

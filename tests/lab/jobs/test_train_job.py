@@ -58,12 +58,7 @@ CAMERAS = "id,focal_px\n" + "".join(f"room{i:04d},60\n" for i in range(6))
 @pytest.fixture
 def request_of(tmp_path: Path) -> TrainRequest:
     """Six rooms under names of their own, of which one is held out, after one step."""
-    mine = write_rooms(tmp_path / "mine")
-    for file in [*mine.glob("*/*.png")]:
-        file.rename(file.with_name(f"room{file.name}"))
-    index = mine / "index.csv"
-    index.write_text(index.read_text().replace("\n0", "\nroom0"))
-    run = tmp_path / "run"
+    mine, run = write_rooms(tmp_path / "mine", prefix="room"), tmp_path / "run"
     request = TrainRequest(EFFICIENT, mine, run, accelerator="cpu", threads=1, minutes=0)
     train(request, Callback())
     assert Checkpoint.load(run / CHECKPOINT).provenance.held_out_ids == ("room0002",)

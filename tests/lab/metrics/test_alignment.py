@@ -1,6 +1,5 @@
 """Alignment, boundaries and accumulation of metrics."""
 
-import doctest
 import math
 from typing import Any
 
@@ -12,7 +11,6 @@ from helpers import plain_boundary as plain
 from hypothesis import given, strategies as st
 
 from depthcli.core.types import DepthKind
-from depthcli.lab.metrics import depth as accumulate
 from depthcli.lab.metrics.alignment import SUITABLE, align
 from depthcli.lab.metrics.boundary import (
     BoundaryScores,
@@ -149,12 +147,6 @@ def test_image_without_valid_pixel_is_left_out() -> None:
 @pytest.mark.parametrize("averaging", Averaging)
 def test_nothing_seen_is_not_a_number(averaging: Averaging) -> None:
     assert all(math.isnan(value) for value in _mean(averaging, []).values())
-
-
-def test_examples_in_the_docstrings() -> None:
-    result = doctest.testmod(accumulate)
-    assert result.attempted > 0
-    assert result.failed == 0
 
 
 def _scene(seed: int, height: int = 22, width: int = 26) -> npt.NDArray[np.float64]:

@@ -26,17 +26,12 @@ def _pairs(count: int, *, noise: bool = True) -> tuple[Tensor, Tensor]:
     return value.expand(-1, 3, -1, -1).contiguous(), 1 + 4 * value
 
 
-def _flipped(gray: Tensor) -> Tensor:
-    """Which images were mirrored: they get darker to the right."""
-    return gray[..., 0].mean((1, 2)) > gray[..., -1].mean((1, 2))
-
-
 def test_without_strengths_there_are_whole_images_and_mirrored_ones() -> None:
     rgb, depth_m = _pairs(1)
     rgb, depth_m = rgb.expand(64, -1, -1, -1), depth_m.expand(64, -1, -1, -1)
     gray, seen_m, _ = augment(rgb, depth_m, PLAIN, seeded())
     halves = torch.nn.functional.avg_pool2d(depth_m[:1], 2)
-    mirrored = _flipped(gray)
+    mirrored = gray[..., 0].mean((1, 2)) > gray[..., -1].mean((1, 2))  # darker to the right
     assert 20 < int(mirrored.sum()) < 44
     for i in range(64):
         wanted = halves.flip(3) if mirrored[i] else halves
@@ -116,11 +111,6 @@ def test_strengths_are_standard_deviations() -> None:
 COUNT, HEIGHT, WIDTH = 50, 24, 32
 
 
-def _numbered(count: int = COUNT) -> Tensor:
-    """(count, 1, H, W) whose every pixel is the number of its view."""
-    return torch.arange(float(count)).view(-1, 1, 1, 1).expand(-1, 1, HEIGHT, WIDTH).contiguous()
-
-
 def _rectangle(inside: Tensor) -> tuple[int, int]:
     """(height, width) of the rectangle that (H, W) bool is True in, and nowhere else."""
     rows, columns = torch.nonzero(inside, as_tuple=True)
@@ -133,7 +123,8 @@ def _rectangle(inside: Tensor) -> tuple[int, int]:
 
 
 def test_each_view_gets_one_rectangle_of_the_view_before_it() -> None:
-    (mixed,) = cutmix([_numbered()], 0.999999, seeded())
+    numbers = torch.arange(float(COUNT)).view(-1, 1, 1, 1).expand(-1, 1, HEIGHT, WIDTH)
+    (mixed,) = cutmix([numbers.contiguous()], 0.999999, seeded())
     sides = set()
     for number in range(COUNT):
         view = mixed[number, 0]

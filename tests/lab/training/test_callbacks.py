@@ -74,12 +74,6 @@ def _train(folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
     return inside(folder, *words, "--log", "tensorboard", *more)
 
 
-def _events(folder: Path) -> Any:
-    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator  # noqa: PLC0415
-
-    return EventAccumulator(str(folder)).Reload()
-
-
 def test_tensorboard_has_every_step_once_though_a_killed_run_repeats_some(tmp_path: Path) -> None:
     write_run(tmp_path)
     assert _train(tmp_path, "--max-minutes", "0").returncode == 0
@@ -89,7 +83,9 @@ def test_tensorboard_has_every_step_once_though_a_killed_run_repeats_some(tmp_pa
         done = _train(tmp_path, "--json")
         assert done.returncode == 0, done.stderr
         assert len(done.stdout.splitlines()) == 2  # whoever else is told, is told as well
-    events = _events(tmp_path / "run" / "tensorboard")
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator  # noqa: PLC0415
+
+    events = EventAccumulator(str(tmp_path / "run" / "tensorboard")).Reload()
     assert set(events.Tags()["scalars"]) > {"loss/l1", "loss/gradient", "held_out/d1"}
     assert [e.step for e in events.Scalars("loss/l1")] == [1, 2, 3, 4]
     rates = [e.value for e in events.Scalars("learning_rate")]

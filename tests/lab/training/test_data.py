@@ -1,7 +1,6 @@
 """Batches and stored pairs: seed and step alone decide them, and holes do not count."""
 
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -108,14 +107,6 @@ def test_images_are_kept_as_views_need(image: tuple[int, int], stored: tuple[int
 HOLED_DATA = replace(PAPER.data, zoom=1.5, rotate_deg=5, gamma=0.2)
 
 
-def _holed(share: float = 0.2, value: float = 0.0, seed: int = 0) -> Any:
-    """The rooms with holes in blocks of 4 x 4 pixels."""
-    dataset, rng = rooms(), np.random.default_rng(seed)
-    coarse = rng.random((len(dataset), 12, 16)) < share
-    holes = coarse.repeat(4, 1).repeat(4, 2)
-    return replace(dataset, depths_m=np.where(holes, np.float32(value), dataset.depths_m))
-
-
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf, -1.0])
 def test_resizing_takes_the_mean_of_what_was_measured(value: float) -> None:
     depth_m = np.float32([[2, 4, 3, value], [value, 6, value, value]])
@@ -163,7 +154,11 @@ def test_without_a_measurement_there_is_nothing() -> None:
 
 
 def test_batches_never_show_zero_and_say_what_is_known() -> None:
-    store = PairStore(_holed(), TRAIN, HOLED_DATA)
+    """Of the rooms with holes in blocks of 4 x 4 pixels."""
+    dataset = rooms()
+    holes = (np.random.default_rng(0).random((6, 12, 16)) < 0.2).repeat(4, 1).repeat(4, 2)
+    holed = replace(dataset, depths_m=np.where(holes, np.float32(0), dataset.depths_m))
+    store = PairStore(holed, TRAIN, HOLED_DATA)
     assert store.valid_mask is not None
     assert float(store.depth_m.min()) >= 0.9
     for changes in ({}, {"paired": False}, {"crop_286": True}):
@@ -197,16 +192,12 @@ def test_known_pixels_have_the_depth_of_the_image_without_holes() -> None:
 COUNT, ROWS, COLUMNS = 24, 96, 128
 
 
-def _views() -> Views:
+def test_each_view_has_points_of_its_measured_depth_and_the_seed_decides_them() -> None:
+    config = PromptConfig(exact=1, jitter_px=0, missing=0)
     rows, columns = torch.meshgrid(torch.arange(ROWS), torch.arange(COLUMNS), indexing="ij")
     depth_m = torch.arange(1, COUNT + 1).view(-1, 1, 1, 1) + rows / 100
     boxes = ((rows // 12 + columns // 16) % 2).float().expand(COUNT, 3, -1, -1)
-    return Views(boxes, depth_m, (columns < COLUMNS // 2).expand(COUNT, 1, -1, -1))
-
-
-def test_each_view_has_points_of_its_measured_depth_and_the_seed_decides_them() -> None:
-    config = PromptConfig(exact=1, jitter_px=0, missing=0)
-    views = _views()
+    views = Views(boxes, depth_m, (columns < COLUMNS // 2).expand(COUNT, 1, -1, -1))
     found = drawn_prompts(views, config, np.random.SeedSequence(3))
     known = found > 0
     assert known.any(dim=3).any(dim=2).sum() > COUNT / 2  # a far view has none of a depth camera

@@ -11,6 +11,7 @@ import torch
 from helpers.rooms import EFFICIENT, PAPER, room_data, rooms
 from helpers.runs import same
 from helpers.supervised_runs import BARE
+from helpers.tiny_methods import batch
 from lightning_fabric import Fabric
 
 from depthcli.errors import CheckpointError, TrainingError, UsageError
@@ -26,7 +27,6 @@ from depthcli.lab.training.checkpoint import (
     load_generator,
 )
 from depthcli.lab.training.config import TrainConfig
-from depthcli.lab.training.data import TrainingBatch
 from depthcli.lab.training.run import Run, fit
 
 CLIPPED = replace(PAPER, optim=replace(PAPER.optim, clip_norm=0.5, ema=0.9))
@@ -205,10 +205,9 @@ def test_the_run_says_what_it_learned_from(tmp_path: Path) -> None:
 
 def test_rate_follows_the_schedule() -> None:
     run = Run(PAPER, _fabric(), steps_per_epoch=5)
-    batch = _batch()
     for step in (0, 5, 9):
         run.state = TrainState(step=step)
-        run.step(batch)
+        run.step(batch())
         wanted = 2e-4 * PAPER.optim.lr_factor(step, 5)
         rates = {g["lr"] for o in run.optimizers.values() for g in o.param_groups}
         assert rates == {wanted}
@@ -223,17 +222,13 @@ def test_only_matrices_and_kernels_decay() -> None:
     assert total == sum(w.numel() for w in run.method.parameters())
 
 
-def _batch() -> Any:
-    return TrainingBatch(torch.rand(1, 1, 32, 32) * 2 - 1, torch.rand(1, 1, 32, 32) * 5 + 1)
-
-
 def test_discriminators_are_not_clipped_and_generators_are() -> None:
     config = replace(PAPER, optim=replace(PAPER.optim, clip_norm=1e-9))
     run = Run(config, _fabric(), steps_per_epoch=5)
     norms = {}
     for phase, optimizer in run.optimizers.items():
         optimizer.register_step_pre_hook(_note_norm(norms, phase))
-    run.step(_batch())
+    run.step(batch())
     assert norms["generator"] <= 1.01e-9
     assert norms["discriminator"] > 1e-6
 

@@ -104,7 +104,9 @@ TAU = 0.07
 LOSSES = (patch_nce, cfl_nce, partial(hdce, gamma=10.0), semantic_relation)
 
 
-def _looped_hdce(query: Tensor, key: Tensor, gamma: float) -> float:
+@pytest.mark.parametrize("gamma", [50.0, 10.0, 0.2])
+def test_hdce_is_its_formula(gamma: float) -> None:
+    query, key = unit_vectors(1), unit_vectors(2)
     terms = []
     for q, k in zip(query.double().numpy(), key.double().numpy(), strict=True):
         for i, own in enumerate(q):
@@ -112,21 +114,15 @@ def _looped_hdce(query: Tensor, key: Tensor, gamma: float) -> float:
             weights = np.exp(others @ k[i] / gamma)
             weights /= weights.max()
             terms.append(np.log(np.exp((weights * (others @ own) - own @ k[i]) / TAU).sum()))
-    return float(np.mean(terms))
-
-
-@pytest.mark.parametrize("gamma", [50.0, 10.0, 0.2])
-def test_hdce_is_its_formula(gamma: float) -> None:
-    query, key = unit_vectors(1), unit_vectors(2)
-    assert hdce(query, key, gamma).item() == pytest.approx(
-        _looped_hdce(query, key, gamma), rel=1e-5
-    )
+    assert hdce(query, key, gamma).item() == pytest.approx(np.mean(terms), rel=1e-5)
 
 
 Loss = Callable[[Tensor, Tensor], Tensor]
 
 
-def _looped_patch_nce(query: Tensor, key: Tensor, *, fakes: bool) -> float:
+@pytest.mark.parametrize(("loss", "fakes"), [(patch_nce, False), (cfl_nce, True)])
+def test_patch_nce_is_its_formula(loss: Loss, fakes: bool) -> None:
+    query, key = unit_vectors(1), unit_vectors(2)
     terms = []
     for q, k in zip(query.double().numpy(), key.double().numpy(), strict=True):
         for i, own in enumerate(q):
@@ -134,15 +130,7 @@ def _looped_patch_nce(query: Tensor, key: Tensor, *, fakes: bool) -> float:
             terms.append(
                 -np.log(np.exp(own @ k[i] / TAU) / np.exp(np.vstack(keys) @ own / TAU).sum())
             )
-    return float(np.mean(terms))
-
-
-@pytest.mark.parametrize(("loss", "fakes"), [(patch_nce, False), (cfl_nce, True)])
-def test_patch_nce_is_its_formula(loss: Loss, fakes: bool) -> None:
-    query, key = unit_vectors(1), unit_vectors(2)
-    assert loss(query, key).item() == pytest.approx(
-        _looped_patch_nce(query, key, fakes=fakes), rel=1e-5
-    )
+    assert loss(query, key).item() == pytest.approx(np.mean(terms), rel=1e-5)
 
 
 @pytest.mark.parametrize("loss", LOSSES)
@@ -176,18 +164,12 @@ def test_losses_stay_in_full_precision_under_autocast(loss: Loss) -> None:
     assert mixed.item() == loss(query, key).item()
 
 
-def _looped_relation(query: Tensor, key: Tensor) -> float:
+def test_relation_is_its_formula() -> None:
+    query, key = unit_vectors(1), unit_vectors(2)
     images = []
     for vectors in zip(query.double().numpy(), key.double().numpy(), strict=True):
         raw = [np.exp(v @ v.T) for v in vectors]
         a, b = (values / values.sum(1, keepdims=True) for values in raw)
         middle = (a + b) / 2
         images.append((a * np.log(a / middle) + b * np.log(b / middle)).sum() / 2)
-    return float(np.mean(images))
-
-
-def test_relation_is_its_formula() -> None:
-    query, key = unit_vectors(1), unit_vectors(2)
-    assert semantic_relation(query, key).item() == pytest.approx(
-        _looped_relation(query, key), rel=1e-4
-    )
+    assert semantic_relation(query, key).item() == pytest.approx(np.mean(images), rel=1e-4)

@@ -6,19 +6,14 @@ from typing import Any
 
 import pytest
 import torch
-from helpers.tiny_methods import batch, coded, tiny, tiny_method
+from helpers.seeded import seeded
+from helpers.tiny_methods import batch, coded, phases, tiny, tiny_method
 from lightning_fabric import Fabric
 from torch import Tensor
 
 from depthcli.lab.training.losses import hdce, patch_nce, semantic_relation
 from depthcli.lab.training.methods.table import PAPER_METHODS
 from depthcli.lab.training.run import Run
-
-
-def phases(method: Any, seed: int = 5) -> dict[str, Tensor]:
-    torch.manual_seed(seed)
-    terms: dict[str, Tensor] = method(batch(), "discriminator")
-    return terms | method(batch(), "generator")
 
 
 def contrast(
@@ -52,7 +47,9 @@ def test_cut_is_gan_and_half_of_either_contrast() -> None:
 @pytest.mark.parametrize("flipped", [False, True])
 def test_fastcut_mirrors_the_input_and_mirrors_the_features_back(flipped: bool) -> None:
     method, x = tiny_method("fastcut"), batch().network_input
-    seed = next(s for s in range(99) if flipped == (_first_draw(s) < 0.5))
+    seed = next(
+        s for s in range(99) if flipped == (float(torch.rand((), generator=seeded(s))) < 0.5)
+    )
     terms = phases(method, seed)
     fake_y = method.generator(x.flip(3) if flipped else x)
     torch.testing.assert_close(
@@ -63,10 +60,6 @@ def test_fastcut_mirrors_the_input_and_mirrors_the_features_back(flipped: bool) 
     nce_x = contrast(method, patch_nce, x, fake_y, flipped=flipped)
     torch.testing.assert_close(terms["contrast_x"], 10 * nce_x)
     assert "contrast_y" not in terms
-
-
-def _first_draw(seed: int) -> float:
-    return float(torch.rand((), generator=torch.Generator().manual_seed(seed)))
 
 
 @pytest.mark.parametrize(("share_done", "gamma"), [(0.0, 50.0), (0.5, 30.0), (1.0, 10.0)])

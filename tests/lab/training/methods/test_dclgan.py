@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 import torch
-from helpers.tiny_methods import batch, coded, tiny, tiny_method
+from helpers.tiny_methods import batch, coded, phases, tiny, tiny_method
 from torch import Tensor
 
 from depthcli.lab.training.losses import patch_nce
@@ -12,12 +12,6 @@ from depthcli.lab.training.methods.registry import build_method
 from depthcli.lab.training.run import build_optimizer
 
 TAPS = ("down1", "down2", "block1", "block5")
-
-
-def phases(method: Any) -> dict[str, Tensor]:
-    torch.manual_seed(5)
-    terms: dict[str, Tensor] = method(batch(), "discriminator")
-    return terms | method(batch(), "generator")
 
 
 def vectors(method: Any) -> tuple[list[Tensor], ...]:

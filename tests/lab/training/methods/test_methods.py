@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from helpers.rooms import room_data, rooms
+from helpers.rooms import rooms
 from helpers.runs import same
+from helpers.supervised_runs import train_steps
 from helpers.tiny import load
 from helpers.tiny_methods import batch, tiny, tiny_method
-from lightning_fabric import Fabric
 from torch import Tensor
 
 from depthcli.core.options import Upsampling, UpsamplingOptions
@@ -19,7 +19,6 @@ from depthcli.core.types import DepthKind, Frame
 from depthcli.errors import UsageError
 from depthcli.inference.transforms import prepare
 from depthcli.lab.export.onnx import ExportOptions, export_checkpoint
-from depthcli.lab.training.callbacks import Callback
 from depthcli.lab.training.checkpoint import CHECKPOINT, Checkpoint, load_generator
 from depthcli.lab.training.config import LossConfig, TrainConfig, updated
 from depthcli.lab.training.methods.base import TwoWay
@@ -30,24 +29,18 @@ from depthcli.lab.training.methods.registry import (
     method_class,
 )
 from depthcli.lab.training.methods.table import PAPER_METHODS
-from depthcli.lab.training.run import fit
 from depthcli.lab.training.settings import apply_overrides
-
-
-def _two_steps(config: TrainConfig, folder: Path, steps: int = 2) -> int:
-    fabric = Fabric(accelerator="cpu", devices=1)
-    return fit(config, room_data(), folder, fabric, Callback(), max_steps=steps).step
 
 
 @pytest.mark.parametrize("name", PAPER_METHODS)
 def test_method_learns_saves_and_resumes_bit_exactly(tmp_path: Path, name: str) -> None:
     config = tiny(name)
-    assert _two_steps(config, tmp_path / "broken") == 2
+    assert train_steps(config, tmp_path / "broken").step == 2
     first = Checkpoint.load(tmp_path / "broken" / CHECKPOINT)
     fresh = build_method(config).state_dict()
     assert first.method.keys() == fresh.keys()
-    assert _two_steps(config, tmp_path / "broken") == 4
-    assert _two_steps(config, tmp_path / "whole", steps=4) == 4
+    assert train_steps(config, tmp_path / "broken").step == 4
+    assert train_steps(config, tmp_path / "whole", steps=4).step == 4
     broken, whole = (Checkpoint.load(tmp_path / run / CHECKPOINT) for run in ("broken", "whole"))
     for part in ("method", "extra", "rng"):
         assert same(getattr(broken, part), getattr(whole, part)), part
@@ -59,7 +52,7 @@ def test_method_learns_saves_and_resumes_bit_exactly(tmp_path: Path, name: str) 
 @pytest.mark.parametrize("name", PAPER_METHODS)
 def test_method_trains_on_colour_exports_and_predicts(tmp_path: Path, name: str) -> None:
     config = updated(tiny(name), {"data": {"colour": "rgb"}})
-    assert _two_steps(config, tmp_path) == 2
+    assert train_steps(config, tmp_path).step == 2
     done = export_checkpoint(tmp_path / CHECKPOINT, tmp_path / "model.onnx", ExportOptions())
     assert done.card.training["method"] == name
     bilinear = UpsamplingOptions(Upsampling.BILINEAR)

@@ -20,6 +20,7 @@ FAMILIES = ("test_efficientnet", "test_convnext", "test_resnet")
 """Tiny ones of timm, of 0.1 to 0.4 million weights; the second has no stride of 2."""
 
 DECODER = (8, 8, 8, 8)
+FIRST = GeneratorConfig(name="encoder", encoder=FAMILIES[0], decoder=DECODER, norm="decoder")
 
 
 def _generator(
@@ -90,11 +91,8 @@ def test_weights_of_another_encoder_are_refused(weights: Path, tmp_path: Path) -
 
 
 def test_run_starts_from_an_encoder_and_resumes_without_it(weights: Path, tmp_path: Path) -> None:
-    generator = GeneratorConfig(
-        name="encoder", encoder=FAMILIES[0], decoder=DECODER, norm="decoder"
-    )
     optim = replace(SUPERVISED.optim, encoder_rate=0.0)
-    config = replace(SUPERVISED, generator=generator, optim=optim)
+    config = replace(SUPERVISED, generator=FIRST, optim=optim)
     train_steps(config, tmp_path / "run", init_weights=weights)
     expected = _generator()
     expected.load_encoder(weights)
@@ -106,16 +104,13 @@ def test_run_starts_from_an_encoder_and_resumes_without_it(weights: Path, tmp_pa
 
 
 def test_exported_network_starts_another_without_norm(weights: Path, tmp_path: Path) -> None:
-    generator = GeneratorConfig(
-        name="encoder", encoder=FAMILIES[0], decoder=DECODER, norm="decoder"
-    )
-    config = replace(SUPERVISED, generator=generator)
+    config = replace(SUPERVISED, generator=FIRST)
     train_steps(config, tmp_path / "run", init_weights=weights)
     exported = export_checkpoint(
         tmp_path / "run" / CHECKPOINT, tmp_path / "m.onnx", ExportOptions()
     )
     assert exported.card.training["encoder_weights"].startswith("weights.pth ")
-    bare = replace(config, generator=replace(generator, norm="none"))
+    bare = replace(config, generator=replace(FIRST, norm="none"))
     assert train_steps(bare, tmp_path / "next", init_weights=exported.path).step == 2
     _, saved = load_generator(tmp_path / "next" / CHECKPOINT)
     assert saved.provenance.encoder_weights == exported.card.training["encoder_weights"]

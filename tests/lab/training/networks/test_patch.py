@@ -24,16 +24,12 @@ def _grown(**options: object) -> ResnetGenerator:
     return network
 
 
-def _parameters(network: nn.Module) -> int:
-    return sum(p.numel() for p in network.parameters())
-
-
 @pytest.mark.parametrize("antialias", [False, True])
 @pytest.mark.parametrize(("residual", "more"), [("none", 0), ("stem", 0), ("input", 1)])
 def test_paper_size_has_the_papers_parameters(antialias: bool, residual: str, more: int) -> None:
     with torch.device("meta"):
         network = ResnetGenerator(GeneratorConfig(antialias=antialias, residual=residual))
-    assert _parameters(network) == 11_365_633 + more
+    assert sum(p.numel() for p in network.parameters()) == 11_365_633 + more
 
 
 def test_taps_can_be_chosen_and_fall_back_to_the_last_block() -> None:
