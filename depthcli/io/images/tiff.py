@@ -211,8 +211,8 @@ def tiff_header(data: bytes) -> opencv.Header:
     """Size of the first image of a TIFF, the value of its white, and how many others there are."""
     tags = _first_directory(data)
     if tags.get(_SUBFILE_TYPE, 0) & _REDUCED and _SUB_DIRECTORIES in tags:
-        problem = "has a thumbnail as its first image, as camera raw files do"
-        raise InputError(problem, "convert it to JPEG, PNG or TIFF first")
+        thumbnail = "has a thumbnail as its first image, as camera raw files do"
+        raise InputError(thumbnail, "convert it to JPEG, PNG or TIFF first")
     problem = _not_for_opencv(tags)
     if problem:
         openimageio.needs_openimageio(problem)
