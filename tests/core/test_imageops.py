@@ -176,6 +176,38 @@ def test_antialiased_is_that_of_pillow(size: tuple[int, int], cubic: bool) -> No
     method = Image.Resampling.BICUBIC if cubic else Image.Resampling.BILINEAR
     theirs = np.asarray(Image.fromarray(values).resize(size, method))
     np.testing.assert_allclose(resize_antialiased(values, *size, cubic=cubic), theirs, atol=1e-6)
+    levels = np.random.default_rng(1).integers(0, 256, (97, 133, 3), np.uint8)
+    theirs = np.asarray(Image.fromarray(levels).resize(size, method))
+    ours = resize_antialiased(levels / np.float32(255), *size, cubic=cubic, eight_bit=True) * 255
+    np.testing.assert_array_equal(np.rint(ours), theirs)
+
+
+def test_area_is_the_mean_where_it_shrinks_and_bilinear_where_it_grows() -> None:
+    values = np.random.default_rng(0).random((6, 8, 3), np.float32)
+    rows, columns = values.reshape(3, 2, 8, 3).mean(1), values.reshape(6, 4, 2, 3).mean(2)
+    means = values.reshape(3, 2, 4, 2, 3).mean((1, 3))
+    np.testing.assert_allclose(resize_area(values, 4, 3), means, atol=1e-6)
+    np.testing.assert_allclose(resize_area(values, 16, 3), resize_bilinear(rows, 16, 3), atol=1e-6)
+    np.testing.assert_allclose(resize_area(values, 4, 9), resize_bilinear(columns, 4, 9), atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [(16, 12), (7, 90), (300, 5)])
+def test_shrinking_by_bands_is_shrinking(
+    monkeypatch: pytest.MonkeyPatch, size: tuple[int, int]
+) -> None:
+    monkeypatch.setattr(bands, "BAND_PIXELS", 1000)
+    pixels = np.random.default_rng(4).integers(0, 256, (67, 101, 3), dtype=np.uint8)
+    assert [rows.stop for rows in bands.row_bands(101, 67)] == [10, 20, 30, 40, 50, 60, 67]
+    found = bands.shrink_bands(pixels, bands.luma, *size)
+    np.testing.assert_allclose(found, resize_area(bands.luma(pixels), *size), atol=2e-6)
+
+
+def test_a_sample_is_bilinear_between_the_middles_of_pixels() -> None:
+    values = np.random.default_rng(2).random((3, 4), np.float32)
+    row, column = np.float64([[0.5, 0], [1, 0.5], [3, 3.75], [2, 2]]).T  # in pixels
+    found = bands.sample_bilinear(values, row / 3, column / 4)
+    expected = values[0, 0], values[:2, 0].mean(), values[2, 3], values[1:, 1:3].mean()
+    assert found == pytest.approx(expected, abs=1e-6)
 
 
 def test_corners_keep_their_place() -> None:

@@ -1,12 +1,12 @@
 """Threads, and interrupts."""
 
+import itertools
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -28,17 +28,12 @@ def test_results_are_those_of_map_in_order(items: list[int], workers: int, ahead
     assert list(results) == [3 * item for item in items]
 
 
-def test_no_more_items_are_pulled_than_fit_in_memory() -> None:
-    pulled = 0
-
-    def items() -> Iterator[int]:
-        nonlocal pulled
-        for number in range(1, 1001):
-            pulled = number
-            yield number
-
-    for done, _ in enumerate(ordered_map(str, items(), workers=2, ahead=4)):
-        assert pulled - done <= 4
+@pytest.mark.parametrize(("ahead", "most"), [(5, 5), (None, 4)])
+def test_no_more_items_are_pulled_than_fit_in_memory(ahead: int | None, most: int) -> None:
+    pulled = itertools.count()
+    results = ordered_map(str, pulled, workers=2, ahead=ahead)
+    assert list(itertools.islice(results, 100)) == [str(number) for number in range(100)]
+    assert next(pulled) == 99 + most
 
 
 def test_an_error_comes_at_its_items_turn() -> None:
@@ -46,6 +41,31 @@ def test_an_error_comes_at_its_items_turn() -> None:
     assert [next(results), next(results)] == [1, 1]
     with pytest.raises(ZeroDivisionError):
         next(results)
+
+
+def test_items_that_have_not_begun_are_dropped_at_an_early_end() -> None:
+    begun, go_on = list[int](), threading.Event()
+
+    def work(item: int) -> None:
+        begun.append(item)
+        if item:
+            go_on.wait(10)
+
+    results = ordered_map(work, range(100), workers=2, ahead=20)
+    next(results)
+    threading.Timer(0.05, go_on.set).start()
+    results.close()
+    assert set(begun) <= {0, 1, 2}
+
+
+def test_a_result_in_the_background_is_waited_for_and_its_error_is_raised() -> None:
+    go_on = threading.Event()
+    work = cores.Background(lambda: (go_on.wait(60), threading.current_thread().daemon))
+    go_on.set()
+    assert [work.result(), work.result()] == [(True, True)] * 2
+    failed = cores.Background(lambda: 1 // 0)
+    with pytest.raises(ZeroDivisionError):
+        failed.result()
 
 
 @pytest.mark.parametrize("workers", [0, 2])
@@ -111,6 +131,8 @@ def test_a_quota_of_a_container_limits_the_cores(
     monkeypatch.setattr(cores, "_CPU_MAX", tmp_path / "cpu.max")
     monkeypatch.setattr(os, "cpu_count", lambda: 8)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _pid: set(range(8)), raising=False)
+    assert cores.usable_cores() == usable
+    monkeypatch.delattr(os, "sched_getaffinity")  # as on macOS and Windows
     assert cores.usable_cores() == usable
 
 

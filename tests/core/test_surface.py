@@ -1,11 +1,15 @@
 """The surface of a depth map: its edges, faces, normals and points."""
 
+import itertools
+import math
+
 import cv2
 import numpy as np
+import pytest
 from helpers.tiny import point_cloud
 
 from depthcli.core.camera import Intrinsics
-from depthcli.core.surface import is_flying, surface_of
+from depthcli.core.surface import holds_edge, is_flying, surface_of
 from depthcli.core.types import DepthMap, Frame, with_camera
 
 FOCAL_PX = 100.0
@@ -53,6 +57,59 @@ def test_holes_have_no_faces() -> None:
             a, b, c, d = (y, x), (y, x + 1), (y + 1, x), (y + 1, x + 1)
             expected += [[numbers[p] for p in t] for t in ((a, c, b), (b, c, d)) if (1, 1) not in t]
     assert sorted(surface.faces().tolist()) == sorted(expected)
+
+
+def plain_steps(line: np.ndarray) -> list[np.float32]:
+    """Differences of neighbours by the nearer one's depth; NaN without one."""
+    return [abs(b - a) / np.minimum(a, b) for a, b in itertools.pairwise(line)]
+
+
+def stand_out(steps: list[np.float32], degrees: float) -> list[bool]:
+    """Which steps are steeper than an angle, and twice those some pixels away on one side."""
+    steepest, reach = math.tan(math.radians(degrees)) / FOCAL_PX, max(5, round(len(steps) / 128))
+    away = [0] * reach + [max(0, step) for step in steps] + [0] * reach
+    sides = zip(away, away[2 * reach :], strict=False)
+    return [
+        step > steepest and min(side) < step / 2 for step, side in zip(steps, sides, strict=True)
+    ]
+
+
+def flying(line: np.ndarray) -> list[bool]:
+    """Pixels between two steep steps of a line."""
+    return stand_out(
+        list(itertools.starmap(np.minimum, itertools.pairwise([0, *plain_steps(line), 0]))), 82
+    )
+
+
+@pytest.mark.parametrize("shape", [(5, 900), (30, 12), (3, 2)])
+@pytest.mark.parametrize("spread", [0.03, 0.2])
+def test_edges_are_those_of_a_plain_loop(shape: tuple[int, int], spread: float) -> None:
+    random = np.random.default_rng(0)
+    depth_m = np.exp(random.normal(0, spread, shape)).astype(np.float32)
+    depth_m[random.random(shape) < 0.05] = np.nan
+    surface, torn = surface_of(DepthMap(depth_m), FOCAL_PX), []
+    for found, lines in ((surface.right, depth_m), (surface.down.T, depth_m.T)):
+        steps = [plain_steps(line) for line in lines]
+        torn += [stand_out(line, 87) for line in steps]
+        expected = [
+            [np.isfinite(step) and not out for step, out in zip(*both, strict=True)]
+            for both in zip(steps, torn[-len(steps) :], strict=True)
+        ]
+        np.testing.assert_array_equal(found, expected)
+    across, down = [[flying(line) for line in lines] for lines in (depth_m, depth_m.T)]
+    np.testing.assert_array_equal(is_flying(depth_m, FOCAL_PX), across | np.transpose(down))
+    assert holds_edge(depth_m, FOCAL_PX) == any(map(any, (*across, *down, *torn)))
+
+
+def test_gaps_are_seen_at_the_depth_of_the_farthest() -> None:
+    depth_m = np.ones((4, 6), np.float32)
+    depth_m[1:, 3:], depth_m[0, 0] = 3, np.nan
+    surface = surface_of(DepthMap(depth_m), FOCAL_PX)
+    places, points_m = surface.gaps()
+    corners = [(y, x) for y, x in np.ndindex(3, 5) if np.ptp(depth_m[y : y + 2, x : x + 2]) > 0]
+    assert places.tolist() == [[[y, x], [y, x + 1], [y + 1, x], [y + 1, x + 1]] for y, x in corners]
+    for (y, x), point_m in zip(places.reshape(-1, 2), points_m.reshape(-1, 3), strict=True):
+        assert point_m == pytest.approx(surface.xyz_m[y, x] * 3 / depth_m[y, x])
 
 
 DEPTH = DepthMap(np.float32([[1, 2, np.nan], [0, np.inf, 4]]))
