@@ -3,7 +3,6 @@
 import itertools
 import math
 
-import cv2
 import numpy as np
 import pytest
 from helpers.tiny import point_cloud
@@ -16,47 +15,27 @@ FOCAL_PX = 100.0
 HEIGHT, WIDTH = 60, 80
 
 
-def box_before_wall(smeared_px: int = 0) -> np.ndarray:
+def box_before_wall() -> np.ndarray:
     """A box at 1 m before a wall at 3 m; (60, 80) float32."""
     depth_m = np.full((HEIGHT, WIDTH), 3, np.float32)
     depth_m[20:40, 30:50] = 1
-    return cv2.blur(depth_m, (smeared_px, smeared_px)) if smeared_px else depth_m
+    return depth_m
 
 
-def test_only_points_between_near_and_far_fly() -> None:
-    assert not is_flying(box_before_wall(), FOCAL_PX).any()
-    depth_m = box_before_wall(smeared_px=5)
-    between = np.minimum(abs(depth_m - 1), abs(depth_m - 3)) > 0.1
-    flying = is_flying(depth_m, FOCAL_PX)
-    assert flying[between].mean() > 0.95  # what is left is at the corners of the box
-    assert not flying[depth_m == 3].any()
-    assert not flying[depth_m == 1].any()
-
-
-def test_faces_are_cut_at_edges_and_look_at_the_camera() -> None:
-    surface = surface_of(DepthMap(box_before_wall()), FOCAL_PX)
-    faces, points_m = surface.faces(), surface.xyz_m[surface.valid]
-    corners_m = points_m[faces]
-    assert np.ptp(corners_m[..., 2], axis=1).max() == 0
-    whole = 2 * (HEIGHT - 1) * (WIDTH - 1)
-    assert len(faces) == whole - 2 * (2 * 20 + 2 * 20) + 2  # two edges of the 80 torn quads
-    normals = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
-    assert (normals[:, 2] < 0).all()
-
-
-def test_holes_have_no_faces() -> None:
-    depth_m = np.ones((3, 4), np.float32)
-    depth_m[1, 1] = np.nan
+def test_faces_join_points_of_one_surface_and_look_at_the_camera() -> None:
+    depth_m = box_before_wall()[15:45, 25:40]
+    depth_m[2, 3] = np.nan
     surface = surface_of(DepthMap(depth_m), FOCAL_PX)
-    numbers = {
-        place: number for number, place in enumerate(zip(*np.nonzero(surface.valid), strict=True))
-    }
+    numbers = {tuple(place): n for n, place in enumerate(np.argwhere(surface.valid))}
     expected = []
-    for y in range(2):
-        for x in range(3):
-            a, b, c, d = (y, x), (y, x + 1), (y + 1, x), (y + 1, x + 1)
-            expected += [[numbers[p] for p in t] for t in ((a, c, b), (b, c, d)) if (1, 1) not in t]
-    assert sorted(surface.faces().tolist()) == sorted(expected)
+    for y, x in np.ndindex(29, 14):
+        a, b, c, d = (y, x), (y, x + 1), (y + 1, x), (y + 1, x + 1)
+        triangles = (t for t in ((a, c, b), (b, c, d)) if len({depth_m[place] for place in t}) == 1)
+        expected += [[numbers[place] for place in triangle] for triangle in triangles]
+    faces = surface.faces()
+    assert sorted(faces.tolist()) == sorted(expected)
+    a, b, c = surface.xyz_m[surface.valid][faces].swapaxes(0, 1)
+    assert (np.cross(b - a, c - a)[:, 2] < 0).all()
 
 
 def plain_steps(line: np.ndarray) -> list[np.float32]:

@@ -422,7 +422,7 @@ def test_dynamic_depth_after_a_jpeg_is_read(tmp_path: Path) -> None:
     assert (stored.values[0, 0], stored.values[-1, -1]) == (0.5, 8)
 
 
-def test_gdepth_without_a_unit_is_relative(tmp_path: Path) -> None:
+def test_gdepth_without_a_unit_is_relative_and_without_numbers_none(tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
     facts = {"Format": "RangeLinear", "Near": "1"}
     path.write_bytes(made.jpeg_with_depth(made.JPEG, SHADES, Far="2", **facts))
@@ -431,8 +431,10 @@ def test_gdepth_without_a_unit_is_relative(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         read_stored_depth(path)
     path.write_bytes(made.JPEG)
-    with pytest.raises(InputError):
-        read_stored_depth(path)
+    (tmp_path / "a.heic").write_bytes(heic(np.zeros((64, 64, 3), np.uint8)))
+    for without in (path, tmp_path / "a.heic"):
+        with pytest.raises(InputError):
+            read_stored_depth(without)
 
 
 @pytest.mark.parametrize(
@@ -460,9 +462,3 @@ def test_depth_image_of_a_heic_is_in_metres(
     assert len(stored.warnings) == 1
     assert stored.depth.values.min() == pytest.approx(near_m)
     assert stored.depth.values.max() == pytest.approx(far_m)
-
-
-def test_heic_without_depth_is_no_depth_file(tmp_path: Path) -> None:
-    (tmp_path / "a.heic").write_bytes(heic(np.zeros((64, 64, 3), np.uint8)))
-    with pytest.raises(InputError):
-        read_stored_depth(tmp_path / "a.heic")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -141,22 +141,12 @@ def test_an_avi_from_a_pipe_states_no_end(tmp_path: Path) -> None:
         assert source.problem is None
 
 
-class Removal:
-    """A Progress that removes a file after some frames."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def begin(self, _what: str, _total: int | None, _unit: str = "") -> Callable[[int], None]:
-        return lambda _count: self._path.unlink(missing_ok=True)
-
-
 def test_a_source_that_is_removed_during_the_run_costs_no_output(tmp_path: Path) -> None:
     clip = write_video(tmp_path / "clip.mkv", flat_frames(range(40)))
     model = SessionLoader(write_model(tmp_path / "model"), "cpu")
-    done = video(
-        VideoRequest(str(clip), video_destination(f"{tmp_path}/out/"), model=model), Removal(clip)
-    )
+    removal = SimpleNamespace(begin=lambda *_: lambda _count: clip.unlink(missing_ok=True))
+    request = VideoRequest(str(clip), video_destination(f"{tmp_path}/out/"), model=model)
+    done = video(request, removal)
     assert done.frames == 40
     assert done.problem
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
