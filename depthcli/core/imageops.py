@@ -32,7 +32,7 @@ def resize_bilinear(values: Float32Array, width: int, height: int) -> Float32Arr
     """
     if values.shape[:2] == (height, width):
         return values
-    return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_LINEAR))
+    return np.asarray(cv2.resize(values, (width, height)))
 
 
 def _rows_at(values: Float32Array, place: FloatArray) -> Float32Array:

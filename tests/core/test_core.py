@@ -241,6 +241,8 @@ def test_choices_are_plain_words_too_and_others_are_refused() -> None:
     for wrong in ({"upsampling": "cubic"}, {"mask": "sky"}):
         with pytest.raises(UsageError):
             UpsamplingOptions(**wrong)
+    with pytest.raises(UsageError):
+        Frame(np.zeros((4, 8), np.uint8), projection="fisheye")
     options.check_pixel_count("a.png", 3, 4, 12)
     with pytest.raises(InputError):
         options.check_pixel_count("a.png", 3, 4, 11)

@@ -34,7 +34,7 @@ from depthcli.core.types import (
     seen_frame,
     with_camera,
 )
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError
 
 SIDES = st.integers(-3, 5)
 WINDOWS = st.builds(Window, SIDES, SIDES, SIDES, SIDES)
@@ -142,11 +142,6 @@ def test_few_pixels_may_be_outside_of_zero_and_one(values: list[float], is_refus
         assert not is_refused
 
 
-def test_unknown_projection_is_refused() -> None:
-    with pytest.raises(UsageError):
-        Frame(np.zeros((4, 8), np.uint8), projection="fisheye")
-
-
 def test_map_states_what_of_its_camera_is_given() -> None:
     source = Provenance("m", focal_px=3.0, is_cropped=True, camera_source=CameraSource.EXIF)
     depth = DepthMap(np.ones((6, 8), np.float32), provenance=source)
@@ -181,12 +176,11 @@ def test_missing_values_are_those_of_the_nearest_pixel() -> None:
 
 
 def test_area_or_cubic_is_area_where_both_sides_shrink() -> None:
-    values = np.random.default_rng(0).random((6, 8), np.float32)
+    values = np.random.default_rng(0).random((6, 8, 3), np.float32)
     for size in ((8, 6), (4, 6), (8, 3), (9, 6), (8, 7), (4, 7), (16, 12)):
         expected = (resize_area if size[0] <= 8 and size[1] <= 6 else resize_cubic)(values, *size)
         np.testing.assert_array_equal(resize_area_or_cubic(values, *size), expected)
-    colours = np.dstack([values] * 3)
-    assert resize_area(colours, 8, 6) is resize_bilinear(colours, 8, 6) is colours
+    assert resize_area(values, 8, 6) is resize_bilinear(values, 8, 6) is values
 
 
 def test_text_of_strangers_is_short_and_printable() -> None:

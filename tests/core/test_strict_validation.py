@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from depthcli.core.options import Rule
-from depthcli.core.validation import FieldError, merged, parsed_json, validated
+from depthcli.core.validation import FieldError, parsed_json, validated
 
 
 class Colour(StrEnum):
@@ -125,14 +125,6 @@ def test_anything_is_read_or_refused_in_one_line(value: Any, name: str) -> None:
     assert said.startswith(name)
     assert said.isprintable()
     assert len(said) < 400
-
-
-def test_merge_keeps_other_fields() -> None:
-    base = Outer("x", inner=Inner(4, 0.25), flag=True)
-    assert merged(base, {"inner": {"share": 1}}) == Outer("x", inner=Inner(4, 1.0), flag=True)
-    for wrong in ({"even": 5}, 1):
-        with pytest.raises(FieldError):
-            merged(base, {"inner": wrong})
 
 
 def test_all_faults_are_in_one_error() -> None:

@@ -106,13 +106,6 @@ def test_each_pixel_with_depth_is_a_point_on_its_ray() -> None:
     np.testing.assert_allclose(moved.xyz_m, rays * [[1], [2], [4]], rtol=1e-6)
 
 
-def test_points_have_the_colours_of_their_pixels() -> None:
-    pixels = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
-    cloud = point_cloud(DEPTH, 10.0, frame=Frame(pixels))
-    np.testing.assert_array_equal(cloud.rgb, pixels[[0, 0, 1], [0, 1, 2]])
-    assert repr(cloud) == "<PointCloud 3 points, colours>"
-
-
 def test_normals_do_not_look_across_edges() -> None:
     depth_m = box_before_wall()
     depth_m[:3, :3] = np.nan
@@ -126,12 +119,13 @@ def test_normals_do_not_look_across_edges() -> None:
     np.testing.assert_allclose(flat, np.broadcast_to([0, 0, -1], flat.shape), atol=1e-6)
 
 
-def test_points_are_thinned_and_far_ones_left_out() -> None:
+def test_points_with_colours_are_thinned_and_far_ones_left_out() -> None:
     values = np.arange(1, 31, dtype=np.float32).reshape(5, 6)
     pixels = np.arange(90, dtype=np.uint8).reshape(5, 6, 3)
     cloud = point_cloud(DepthMap(values), 10.0, Frame(pixels), stride=2, max_depth_m=15)
     np.testing.assert_array_equal(cloud.xyz_m[:, 2], [1, 3, 5, 13, 15])
     np.testing.assert_array_equal(cloud.rgb, pixels[::2, ::2].reshape(-1, 3)[:5])
+    assert repr(cloud) == "<PointCloud 5 points, colours>"
     ramp = np.broadcast_to(np.float32([1] * 9 + [2, 3] + [4] * 9), (9, 20)).copy()
     edged = point_cloud(DepthMap(ramp), 100.0, keep_edges=False)
     assert set(edged.xyz_m[:, 2]) == {1, 4}

@@ -173,13 +173,15 @@ CAMERA = Intrinsics(50.0, centre_px=(31.5, 23.5), size_px=(64, 48))
 POINTS = np.array([[0.0, 0, 2], [-1, 0.5, 4], [0.001, 0, 3], [0, 0, -2], [np.nan, 0, 2], [9, 0, 1]])
 
 
-def test_points_are_projected_as_a_pinhole_does() -> None:
+def test_points_are_projected_as_a_pinhole_of_known_pixels_does() -> None:
     """The nearest counts of two in a pixel; others are dropped and counted."""
     found = clouds.projected(POINTS[:5], CAMERA)
     expected = [(round(31.5 + 50 * x / z), round(23.5 + 50 * y / z), z) for x, y, z in POINTS[:2]]
     assert sorted(zip(found.x, found.y, found.depth_m, strict=True)) == sorted(expected)
     assert found.size_px == (64, 48)
     assert "2 of 5" in found.warnings[0]
+    with pytest.raises(InputError, match="focal length"):
+        clouds.projected(POINTS, Intrinsics(hfov_deg=60))
 
 
 def test_most_points_of_a_cloud_may_be_outside_but_not_all() -> None:
@@ -190,11 +192,6 @@ def test_most_points_of_a_cloud_may_be_outside_but_not_all() -> None:
     assert "8 of 10" in found.warnings[0]
     with pytest.raises(UsageError, match="8 of 8"):
         clouds.projected(around[2:], CAMERA).within(64, 48)
-
-
-def test_clouds_need_a_camera_in_pixels() -> None:
-    with pytest.raises(InputError, match="focal length"):
-        clouds.projected(POINTS, Intrinsics(hfov_deg=60))
 
 
 TURNED = "0 -1 0 0.1\n0 0 -1 -0.2\n1 0 0 0.3"  # of a lidar: x forward, y to the left, z up

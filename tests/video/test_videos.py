@@ -282,19 +282,14 @@ def test_files_without_video_and_playlists_are_one_line(tmp_path: Path, capfd: A
     assert capfd.readouterr().err == ""
 
 
-def deep_ramp(width: int = 1024) -> np.ndarray[Any, Any]:
-    """Every 16-bit gray level that 1024 columns can show, red and blue beside it."""
-    gray = np.linspace(0, 65535, width).astype(np.uint16)
-    return np.repeat(gray[None, :, None], 16, 0).repeat(3, 2)
-
-
 @pytest.mark.parametrize(
     ("pixel_format", "bits"), [("yuv420p10le", 10), ("yuv444p12le", 12), ("gbrp10le", 10)]
 )
 def test_ten_and_twelve_bits_reach_the_value_channel(
     pixel_format: str, bits: int, tmp_path: Path
 ) -> None:
-    ramp = deep_ramp()
+    gray = np.linspace(0, 65535, 1024).astype(np.uint16)  # every level that the columns can show
+    ramp = np.repeat(gray[None, :, None], 16, 0).repeat(3, 2)
     path = encode(tmp_path / "a.mkv", [ramp] * 2, NTSC, "ffv1", pixel_format, colours="itu709")
     with VideoSource(path) as source:
         pixels = next(source.frames()).pixels
