@@ -256,7 +256,7 @@ def upsample_guided(
     coefficients = guided_coefficients(coarse, small, radius, sharpens=sharpens)
     values = np.empty((frame.height, frame.width), np.float32)
     for rows in row_bands(frame.width, frame.height):
-        numbers = np.arange(rows.start, rows.stop, dtype=np.float64)
+        numbers = np.arange(rows.start, rows.stop)
         place = np.clip((numbers + 0.5) * (height / frame.height) - 0.5, 0, height - 1)
         slope, offset, low, high = (
             resize_bilinear(_rows_at(part, place), frame.width, len(place)) for part in coefficients

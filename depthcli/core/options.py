@@ -29,7 +29,7 @@ def suggestion(word: str, names: Iterable[str], otherwise: str = "") -> str:
     """Advice about an unknown name: a similar one, or what to do otherwise."""
     from difflib import get_close_matches  # noqa: PLC0415 - for errors only
 
-    close = get_close_matches(word, names, n=1)
+    close = get_close_matches(word, names)
     return f"did you mean {close[0]!r}?" if close else otherwise
 
 

@@ -126,9 +126,6 @@ def test_first_signal_is_noted_and_the_second_acts() -> None:
             signal.raise_signal(signal.SIGINT)
         assert signal.getsignal(signal.SIGINT) is before
     assert signal.getsignal(signal.SIGINT) is before
-
-
-def test_without_signals_nothing_is_caught() -> None:
     with Interrupt(), pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
 

@@ -12,12 +12,11 @@ from depthcli.core.surface import holds_edge, is_flying, surface_of
 from depthcli.core.types import DepthMap, Frame, with_camera
 
 FOCAL_PX = 100.0
-HEIGHT, WIDTH = 60, 80
 
 
 def box_before_wall() -> np.ndarray:
     """A box at 1 m before a wall at 3 m; (60, 80) float32."""
-    depth_m = np.full((HEIGHT, WIDTH), 3, np.float32)
+    depth_m = np.full((60, 80), 3, np.float32)
     depth_m[20:40, 30:50] = 1
     return depth_m
 
@@ -82,7 +81,7 @@ def test_edges_are_those_of_a_plain_loop(shape: tuple[int, int], spread: float) 
 
 def test_gaps_are_seen_at_the_depth_of_the_farthest() -> None:
     depth_m = np.ones((4, 6), np.float32)
-    depth_m[1:, 3:], depth_m[0, 0] = 3, np.nan
+    depth_m[1:, 3:], depth_m[1, 1] = 3, np.nan
     surface = surface_of(DepthMap(depth_m), FOCAL_PX)
     places, points_m = surface.gaps()
     corners = [(y, x) for y, x in np.ndindex(3, 5) if np.ptp(depth_m[y : y + 2, x : x + 2]) > 0]
@@ -91,17 +90,15 @@ def test_gaps_are_seen_at_the_depth_of_the_farthest() -> None:
         assert point_m == pytest.approx(surface.xyz_m[y, x] * 3 / depth_m[y, x])
 
 
-DEPTH = DepthMap(np.float32([[1, 2, np.nan], [0, np.inf, 4]]))
-
-
 def test_each_pixel_with_depth_is_a_point_on_its_ray() -> None:
-    cloud = point_cloud(DEPTH, 10.0)
+    depth = DepthMap(np.float32([[1, 2, np.nan], [0, np.inf, 4]]))
+    cloud = point_cloud(depth, 10.0)
     rays = np.array([[-1, -0.5, 10], [0, -0.5, 10], [1, 0.5, 10]]) / 10  # about (1, 0.5)
     np.testing.assert_allclose(cloud.xyz_m, rays * [[1], [2], [4]], rtol=1e-6)
     assert (len(cloud), cloud.rgb) == (3, None)
     np.testing.assert_array_equal(np.asarray(cloud), cloud.xyz_m)
     camera = Intrinsics(centre_px=(0.0, 1.0), pixel_aspect=2.0)
-    moved = point_cloud(with_camera(DEPTH, camera), 10.0)
+    moved = point_cloud(with_camera(depth, camera), 10.0)
     rays = np.array([[0, -0.5, 10], [1, -0.5, 10], [2, 0, 10]]) / 10
     np.testing.assert_allclose(moved.xyz_m, rays * [[1], [2], [4]], rtol=1e-6)
 

@@ -58,7 +58,6 @@ def test_the_expected_error_is_by_the_distance_to_the_nearest_point(
         distance = min(math.dist((x, y), place) for place in places) / 32
         rest = (7 / 6) ** 0.933 if fit is DepthFit.GLOBAL else (distance + 0.01) ** 0.757
         expected[y, x] = factor * error[y, x] ** power * rest
-    assert result.error is not None
     np.testing.assert_allclose(result.error, expected, rtol=0.03)  # the distance is to 2 %
 
 
@@ -124,10 +123,8 @@ def test_many_points_are_fitted_in_spite_of_wrong_ones(kind: DepthKind) -> None:
     assert found.kind is DepthKind.METRIC
     assert np.mean(np.abs(found.values / truth_m - 1) < 0.02) > 0.99
     source = found.provenance
-    assert source is not None
     assert source.anchors == ()
     fit = source.anchor_fit
-    assert fit is not None
     assert fit.given == len(points) == np.count_nonzero(sensed_m)
     assert 0.6 * fit.given < fit.used < 0.75 * fit.given
     y, x = np.nonzero(sensed_m)
@@ -143,7 +140,6 @@ def test_of_five_points_a_wrong_one_has_no_effect(kind: DepthKind) -> None:
     found = fitted_map(depth, points)
     # Of metric maps, five points side by side say little about a shift.
     assert found.values == pytest.approx(truth_m, rel=1e-2 if kind is DepthKind.METRIC else 1e-3)
-    assert found.provenance.anchor_fit is not None
     assert found.provenance.anchor_fit.used == 4
 
 
@@ -152,7 +148,6 @@ def test_many_points_need_not_all_have_a_value_in_the_map_but_some_have_to_fit()
     depth.values[0, :40] = np.nan
     points = [Point(x, 0, float(truth_m[0, x])) for x in range(80)]
     found = fitted_map(depth, points)
-    assert found.provenance.anchor_fit is not None
     assert found.provenance.anchor_fit[:2] == (40, 80)
     for wrong in (points[:40], KnownDepth.of_map(10 - truth_m)):  # without depth, contradicting
         with pytest.raises(UsageError):
@@ -305,7 +300,6 @@ def test_points_outside_are_left_out_and_counted() -> None:
     depth, warnings = fitted(
         DepthMap(mapped_m(), DepthKind.METRIC), KnownDepth(x, y, np.full(4, 2.0))
     )
-    assert depth.provenance.anchor_fit is not None
     assert depth.provenance.anchor_fit.given == 4
     assert warnings == found.warnings
     with pytest.raises(UsageError, match="3 of 4"):

@@ -41,7 +41,6 @@ RATES = [
     *(Fraction(n * 1000, 1001) for n in (24, 30, 60)),
     *(Fraction(25), Fraction(1, 60), Fraction(10000, 1001), Fraction(1001, 37)),
 ]
-TURN = tuple(range(0, 256, 3))
 
 
 @pytest.mark.parametrize(
@@ -193,7 +192,7 @@ def write_mp4_header_first(path: Path) -> None:
     ("name", "write", "share"),
     [
         ("a.mkv", lambda path: write_depth_video(path, random_maps()), 1 / 2),
-        ("a.avi", lambda path: write_video(path, flat_frames(TURN)), 2 / 3),
+        ("a.avi", lambda path: write_video(path, flat_frames(range(0, 256, 3))), 2 / 3),
         ("a.mp4", write_mp4_header_first, 2 / 3),
     ],
 )
