@@ -21,7 +21,7 @@ from depthcli.core.camera import (
     focal_px_of_hfov,
     hfov_deg,
 )
-from depthcli.core.imageops import brightness, luma, rgb, value_channel
+from depthcli.core.imageops import brightness, luma, rgb, transfer_warning, value_channel
 from depthcli.core.options import AUTO_TILE, DepthMask, Upsampling, UpsamplingOptions
 from depthcli.core.types import (
     DepthCodec,
@@ -62,6 +62,12 @@ def test_float_pixels_are_kept_within_zero_and_one() -> None:
     pixels = np.float32([[-0.5, 0.25, 0.5, 1.5]])
     assert value_channel(pixels).tolist() == [[0, 0.25, 0.5, 1]]
     assert Frame(pixels.clip(0)).pixels_8bit()[0, :, 0].tolist() == [0, 64, 128, 255]
+
+
+def test_colours_of_high_dynamic_range_are_told() -> None:
+    told = [transfer_warning(code, "image", "sRGB") or "" for code in (1, 16, 17, 18)]
+    names = [re.findall(r"\((\w+)\).*image to sRGB", text) for text in told]
+    assert names == [[], ["PQ"], [], ["HLG"]]
 
 
 FORMULAS = {
@@ -243,10 +249,9 @@ def test_choices_are_plain_words_too_and_others_are_refused() -> None:
 
 
 ROOT = Path(__file__).parents[2]
-HINTS = sorted(name for name in vars(options) if name.startswith("INSTALL_"))
 
 
-@pytest.mark.parametrize("name", HINTS)
+@pytest.mark.parametrize("name", [name for name in vars(options) if name.startswith("INSTALL_")])
 def test_hint_names_an_extra_or_one_package_of_an_extra(name: str) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]

@@ -74,12 +74,8 @@ def test_upsampling_clamps_the_line_of_each_place(
     coarse = random.uniform(1, 2, shape).astype(np.float32)
     frame = Frame(random.integers(0, 256, (101, 103, 3), dtype=np.uint8))
     bright = bands.brightness(frame.pixels)
-    lines = guided_coefficients(
-        np.log(coarse) if in_log else coarse,
-        resize_area(bright, *shape[::-1]),
-        2,
-        sharpens=in_log and shape[0] >= 48,
-    )
+    map_values, small = np.log(coarse) if in_log else coarse, resize_area(bright, *shape[::-1])
+    lines = guided_coefficients(map_values, small, 2, sharpens=in_log and shape[0] >= 48)
     slope, offset, low, high = (resize_bilinear(line, 103, 101) for line in lines)
     values = (slope * bright + offset).clip(low, high)
     for pixels in (160_000, 500):

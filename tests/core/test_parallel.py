@@ -130,6 +130,12 @@ def test_first_signal_is_noted_and_the_second_acts() -> None:
         signal.raise_signal(signal.SIGINT)
 
 
+def test_processes_start_without_ctrl_c() -> None:
+    with cores.without_interrupts():
+        assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
 def test_other_threads_cannot_and_need_not_listen() -> None:
     other = cores.Background(Interrupt(signal.SIGINT).__enter__)
     assert other.result().number is None

@@ -122,9 +122,8 @@ def test_many_points_are_fitted_in_spite_of_wrong_ones(kind: DepthKind) -> None:
     found = fitted_map(depth, points)
     assert found.kind is DepthKind.METRIC
     assert np.mean(np.abs(found.values / truth_m - 1) < 0.02) > 0.99
-    source = found.provenance
-    assert source.anchors == ()
-    fit = source.anchor_fit
+    assert found.provenance.anchors == ()
+    fit = found.provenance.anchor_fit
     assert fit.given == len(points) == np.count_nonzero(sensed_m)
     assert 0.6 * fit.given < fit.used < 0.75 * fit.given
     y, x = np.nonzero(sensed_m)

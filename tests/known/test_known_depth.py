@@ -343,9 +343,7 @@ def write_binary(folder: Path) -> None:
     (folder / "images.bin").write_bytes(images)
     points = struct.pack("<Q", len(WORLD))
     for number, place in WORLD.items():
-        points += struct.pack("<Q3d3BdQ", number, *place, 9, 9, 9, 0.5, 2) + struct.pack(
-            "<4I", *range(4)
-        )
+        points += struct.pack("<Q3d3BdQ4I", number, *place, 9, 9, 9, 0.5, 2, *range(4))
     (folder / "points3D.bin").write_bytes(points)
 
 

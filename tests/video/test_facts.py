@@ -17,8 +17,6 @@ from depthcli.core.options import Eye, Projection, ReadOptions
 from depthcli.errors import InputError, UsageError
 from depthcli.video.source import VideoSource
 
-FOCAL_35MM = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
-
 
 def write_streams(path: Path, counts: Sequence[int]) -> Path:
     """A video with several streams, each of one gray level."""
@@ -83,7 +81,8 @@ def test_the_focal_length_of_a_track_is_that_of_its_frames(
     kind: int, value: bytes, focal_35mm: float | None, focal_mm: float | None, tmp_path: Path
 ) -> None:
     path = write_mp4(tmp_path / "a.mov", flat_frames(range(3)))
-    name = "com.apple.quicktime.camera.lens_model" if focal_mm else FOCAL_35MM
+    name = "lens_model" if focal_mm else "focal_length.35mm_equivalent"
+    name = f"com.apple.quicktime.camera.{name}"
     path.write_bytes(with_track_tag(path.read_bytes(), name, kind, value))
     _, frames = read(path)
     assert [(frame.focal_35mm, frame.focal_mm) for frame in frames] == [(focal_35mm, focal_mm)] * 3
