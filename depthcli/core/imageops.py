@@ -277,7 +277,7 @@ def sample_bilinear(values: Float32Array, row: Float64Array, column: Float64Arra
 
 
 def guided_coefficients(
-    coarse: Float32Array, guide: Float32Array, radius: int = 1, *, sharpens: bool = False
+    coarse: Float32Array, guide: Float32Array, radius: int, *, sharpens: bool
 ) -> tuple[Float32Array, Float32Array, Float32Array, Float32Array]:
     """Fit ``coarse``, finite, to the image's brightness at its size; (h, w) float32 both.
 

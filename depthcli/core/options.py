@@ -125,7 +125,7 @@ DEFAULT_UPSAMPLING = UpsamplingOptions()  #: guided upsampling, no tiles
 Detail = UpsamplingOptions  # its name until 0.17
 
 
-def check_pixel_count(name: str, width: int, height: int, max_pixels: int = MAX_PIXELS) -> None:
+def check_pixel_count(name: str, width: int, height: int, max_pixels: int) -> None:
     """Refuse an image by the size that its header claims, before any of it is decoded."""
     if width * height > max_pixels:
         problem = f"{name} claims {width}×{height} pixels, more than {max_pixels:,}"

@@ -127,3 +127,6 @@ def test_points_with_colours_are_thinned_and_far_ones_left_out() -> None:
     edged = point_cloud(DepthMap(ramp), 100.0, keep_edges=False)
     assert set(edged.xyz_m[:, 2]) == {1, 4}
     assert len(point_cloud(DepthMap(ramp), 100.0)) == ramp.size
+    ramp[0, 0] = np.nan
+    filled = surface_of(DepthMap(ramp), 100.0, keep_edges=False, fill_edges=True).depth_m
+    np.testing.assert_array_equal(filled, np.where(ramp < 2.5, 1, np.where(ramp > 2.5, 4, ramp)))
