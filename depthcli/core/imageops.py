@@ -31,7 +31,7 @@ def resize_bilinear(values: Float32Array, width: int, height: int) -> Float32Arr
     """
     if values.shape[:2] == (height, width):
         return values
-    return np.asarray(cv2.resize(values, (width, height), interpolation=cv2.INTER_LINEAR))
+    return np.asarray(cv2.resize(values, (width, height)))
 
 
 def _rows_at(values: Float32Array, place: FloatArray) -> Float32Array:
@@ -255,7 +255,7 @@ def upsample_guided(
     coefficients = guided_coefficients(coarse, small, radius, sharpens=sharpens)
     values = np.empty((frame.height, frame.width), np.float32)
     for rows in row_bands(frame.width, frame.height):
-        numbers = np.arange(rows.start, rows.stop, dtype=np.float64)
+        numbers = np.arange(rows.start, rows.stop)
         place = np.clip((numbers + 0.5) * (height / frame.height) - 0.5, 0, height - 1)
         slope, offset, low, high = (
             resize_bilinear(_rows_at(part, place), frame.width, len(place)) for part in coefficients
@@ -276,7 +276,7 @@ def sample_bilinear(values: Float32Array, row: Float64Array, column: Float64Arra
 
 
 def guided_coefficients(
-    coarse: Float32Array, guide: Float32Array, radius: int = 1, *, sharpens: bool = False
+    coarse: Float32Array, guide: Float32Array, radius: int, *, sharpens: bool
 ) -> tuple[Float32Array, Float32Array, Float32Array, Float32Array]:
     """Fit ``coarse``, finite, to the image's brightness at its size; (h, w) float32 both.
 

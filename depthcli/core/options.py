@@ -29,7 +29,7 @@ def suggestion(word: str, names: Iterable[str], otherwise: str = "") -> str:
     """Advice about an unknown name: a similar one, or what to do otherwise."""
     from difflib import get_close_matches  # noqa: PLC0415 - for errors only
 
-    close = get_close_matches(word, names, n=1)
+    close = get_close_matches(word, names)
     return f"did you mean {close[0]!r}?" if close else otherwise
 
 
@@ -125,7 +125,7 @@ DEFAULT_UPSAMPLING = UpsamplingOptions()  #: guided upsampling, no tiles
 Detail = UpsamplingOptions  # its name until 0.17
 
 
-def check_pixel_count(name: str, width: int, height: int, max_pixels: int = MAX_PIXELS) -> None:
+def check_pixel_count(name: str, width: int, height: int, max_pixels: int) -> None:
     """Refuse an image by the size that its header claims, before any of it is decoded."""
     if width * height > max_pixels:
         problem = f"{name} claims {width}×{height} pixels, more than {max_pixels:,}"

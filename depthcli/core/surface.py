@@ -69,7 +69,7 @@ class Surface:
         first = np.argwhere(is_whole & ~(upper & lower))
         places = first[:, np.newaxis] + np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
         depth_m = self.depth_m[places[..., 0], places[..., 1]]
-        ratio = depth_m.max(1, keepdims=True, initial=0) / depth_m
+        ratio = depth_m.max(1, keepdims=True) / depth_m
         return places, self.xyz_m[places[..., 0], places[..., 1]] * ratio[..., np.newaxis]
 
     def normals(self) -> Float32Array:

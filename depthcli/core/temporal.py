@@ -194,13 +194,7 @@ class Deflicker:
         x_px, y_px = self._motion(image_before, image)
         rows, columns = np.arange(height, dtype=np.float32), np.arange(width, dtype=np.float32)
         places = x_px + columns, y_px + rows[:, np.newaxis]
-        there = cv2.remap(
-            before,
-            *places,
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=(math.nan,) * 4,
-        )
+        there = cv2.remap(before, *places, cv2.INTER_LINEAR, borderValue=(math.nan,) * 4)
         rise = there - values
         is_known = np.isfinite(rise)
         still = image_before - image

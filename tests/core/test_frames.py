@@ -4,9 +4,10 @@ import math
 from dataclasses import replace
 from fractions import Fraction
 
+import cv2
 import numpy as np
 import pytest
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from depthcli.core.camera import CameraSource, Intrinsics
 from depthcli.core.imageops import (
@@ -14,7 +15,6 @@ from depthcli.core.imageops import (
     resize_area,
     resize_area_or_cubic,
     resize_bilinear,
-    resize_cubic,
 )
 from depthcli.core.options import one_line, short_repr
 from depthcli.core.types import (
@@ -23,23 +23,71 @@ from depthcli.core.types import (
     Frame,
     Provenance,
     Window,
+    Windows,
+    displayed_depth,
+    displayed_frame,
+    masked_to_data_window,
+    over_window,
     panorama_rays,
     pixel_aspect_of,
+    seen_frame,
     with_camera,
 )
-from depthcli.errors import InputError, UsageError
+from depthcli.errors import InputError
 
 SIDES = st.integers(-3, 5)
-FILLED = st.builds(
-    Window, st.integers(-3, 0), st.integers(-3, 0), st.integers(1, 4), SIDES.map(abs)
-)
-FILLED = FILLED.filter(lambda window: window.bottom > window.top)
+WINDOWS = st.builds(Window, SIDES, SIDES, SIDES, SIDES)
+BEFORE, AFTER = st.integers(-3, 0), st.integers(1, 4)
+AROUND = st.builds(Window, BEFORE, BEFORE, AFTER, AFTER)
 
 
 def pixels(window: Window) -> set[tuple[int, int]]:
     """Column and row of each pixel."""
     rows = range(window.top, window.bottom)
     return {(x, y) for x in range(window.left, window.right) for y in rows}
+
+
+def numbered(window: Window, kept: Window, wanted: Window) -> np.ndarray:
+    """A number for each pixel of a window that is kept; (H, W) float32 over a wanted one."""
+    found = np.full((wanted.height, wanted.width), np.nan, np.float32)
+    for x, y in pixels(window) & pixels(kept) & pixels(wanted):
+        found[y - wanted.top, x - wanted.left] = 100 + 10 * x + y
+    return found
+
+
+@given(WINDOWS, WINDOWS, SIDES, SIDES)
+def test_windows_are_sets_of_pixels(one: Window, other: Window, columns: int, rows: int) -> None:
+    assert len(pixels(one)) == one.width * one.height
+    assert one.is_empty == (not pixels(one))
+    assert pixels(one.intersection(other)) == pixels(one) & pixels(other)
+    assert pixels(one.moved(columns, rows)) == {(x + columns, y + rows) for x, y in pixels(one)}
+    if not one.is_empty and not other.is_empty:
+        x, y = zip(*(pixels(one) | pixels(other)), strict=True)
+        assert one.union(other) == (min(x), min(y), max(x) + 1, max(y) + 1)
+
+
+@given(AROUND, AROUND, AROUND)
+def test_values_of_a_window_are_those_of_its_pixels(
+    shown: Window, other: Window, data: Window
+) -> None:
+    same, whole = np.testing.assert_array_equal, shown.union(other)
+    values, windows = numbered(whole, whole, whole), Windows(whole, data, shown)
+    for wanted in (data, Window(9, 9, 11, 12)):
+        found = over_window(numbered(other, other, other), other, wanted)
+        same(found, numbered(other, other, wanted))
+    depth = DepthMap(values, DepthKind.RELATIVE, error=-values)
+    same(masked_to_data_window(depth, windows).values, numbered(whole, data, whole))
+    found = displayed_depth(depth, windows)
+    same((found.values, -found.error), [numbered(whole, whole, shown)] * 2)
+    frame = Frame(values.astype(np.uint8), windows=windows)
+    assert frame.display_size_px == (shown.width, shown.height)
+    seen = shown.union(windows.valid)
+    for cut, part in ((displayed_frame(frame), shown), (seen_frame(frame), seen)):
+        same(cut.pixels, numbered(whole, whole, part))
+        assert cut.windows == Windows(part, data, shown)
+    for unchanged in (Frame(frame.pixels), displayed_frame(frame)):
+        assert displayed_frame(unchanged) is unchanged
+    assert displayed_depth(depth, None) is masked_to_data_window(depth, None) is depth
 
 
 @pytest.mark.parametrize("rows", [slice(None), slice(2, 5)])
@@ -65,6 +113,7 @@ def test_rays_of_a_panorama_are_those_of_a_plain_loop(rows: slice) -> None:
             (Fraction(2), True, 0.5),
         ),
         *((Fraction(1000), False, 1000), (Fraction(1001), False, 1), (Fraction(1, 1001), False, 1)),
+        (Fraction(1, 999), True, 999),
     ],
 )
 def test_pixel_aspect_is_that_of_the_upright_image(
@@ -76,8 +125,9 @@ def test_pixel_aspect_is_that_of_the_upright_image(
 @pytest.mark.parametrize(
     ("values", "is_refused"),
     [
-        *(([-0.5] * n + [0.5] * (10 - n), n > 1) for n in (1, 2)),  # mostly in another range
-        *(([-0.009] * 10, False), ([-0.011] * 10, True), ([1.009] * 10, False)),
+        *(([-0.5] * n + [0.5] * (20 - n), n > 2) for n in (2, 3)),  # mostly in another range
+        *(([-0.01] * 5 + [0] * 4 + [-0.02], False), ([-0.011] * 10, True)),
+        ([1.01] * 5 + [1] * 4 + [1.02], False),
         *(([1.5] * n + [0.5] * (4 - n) + [0] * 6, n > 2) for n in (2, 3)),
         *(([7] * n + [0] * (1000 - n), n > 5) for n in (5, 6)),  # highlights on black
     ],
@@ -89,11 +139,6 @@ def test_few_pixels_may_be_outside_of_zero_and_one(values: list[float], is_refus
         assert is_refused
     else:
         assert not is_refused
-
-
-def test_unknown_projection_is_refused() -> None:
-    with pytest.raises(UsageError):
-        Frame(np.zeros((4, 8), np.uint8), projection="fisheye")
 
 
 def test_map_states_what_of_its_camera_is_given() -> None:
@@ -119,7 +164,8 @@ def test_map_states_what_of_its_camera_is_given() -> None:
 
 def test_missing_values_are_those_of_the_nearest_pixel() -> None:
     random = np.random.default_rng(0)
-    values, valid = random.random((20, 30), np.float32), random.random((20, 30)) < 0.03
+    values = random.random((20, 30), np.float32)
+    valid = random.random((20, 30)) < np.linspace(0, 0.7, 30) ** 2  # ever more of them touch
     found, places = filled_nearest(values, valid), np.argwhere(valid)
     for place in np.ndindex(20, 30):
         apart = np.hypot(*(places - place).T)
@@ -129,12 +175,12 @@ def test_missing_values_are_those_of_the_nearest_pixel() -> None:
 
 
 def test_area_or_cubic_is_area_where_both_sides_shrink() -> None:
-    values = np.random.default_rng(0).random((6, 8), np.float32)
+    values = np.random.default_rng(0).random((6, 8, 3), np.float32)
     for size in ((8, 6), (4, 6), (8, 3), (9, 6), (8, 7), (4, 7), (16, 12)):
-        expected = (resize_area if size[0] <= 8 and size[1] <= 6 else resize_cubic)(values, *size)
+        kind = cv2.INTER_AREA if size[0] <= 8 and size[1] <= 6 else cv2.INTER_CUBIC
+        expected = cv2.resize(values, size, interpolation=kind)
         np.testing.assert_array_equal(resize_area_or_cubic(values, *size), expected)
-    colours = np.dstack([values] * 3)
-    assert resize_area(colours, 8, 6) is resize_bilinear(colours, 8, 6) is colours
+    assert resize_area(values, 8, 6) is resize_bilinear(values, 8, 6) is values
 
 
 def test_text_of_strangers_is_short_and_printable() -> None:

@@ -1,12 +1,10 @@
 """Threads, and interrupts."""
 
+import itertools
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -27,17 +25,12 @@ def test_results_are_those_of_map_in_order(items: list[int], workers: int, ahead
     assert list(results) == [3 * item for item in items]
 
 
-def test_no_more_items_are_pulled_than_fit_in_memory() -> None:
-    pulled = 0
-
-    def items() -> Iterator[int]:
-        nonlocal pulled
-        for number in range(1, 1001):
-            pulled = number
-            yield number
-
-    for done, _ in enumerate(ordered_map(str, items(), workers=2, ahead=4)):
-        assert pulled - done <= 4
+@pytest.mark.parametrize(("ahead", "most"), [(5, 5), (None, 4)])
+def test_no_more_items_are_pulled_than_fit_in_memory(ahead: int | None, most: int) -> None:
+    pulled = itertools.count()
+    results = ordered_map(str, pulled, workers=2, ahead=ahead)
+    assert list(itertools.islice(results, 100)) == [str(number) for number in range(100)]
+    assert next(pulled) == 99 + most
 
 
 def test_an_error_comes_at_its_items_turn() -> None:
@@ -47,13 +40,28 @@ def test_an_error_comes_at_its_items_turn() -> None:
         next(results)
 
 
-@pytest.mark.parametrize("workers", [0, 2])
-def test_a_closed_map_leaves_no_thread(workers: int) -> None:
-    before = threading.active_count()
-    results = ordered_map(str, range(1000), workers=workers)
-    assert next(results) == "0"
+def test_items_that_have_not_begun_and_threads_are_dropped_at_an_early_end() -> None:
+    before, begun = threading.active_count(), list[int]()
+
+    def work(item: int) -> None:
+        begun.append(item)
+        time.sleep(0.1 * bool(item))
+
+    results = ordered_map(work, range(100), workers=2, ahead=20)
+    next(results)
     results.close()
+    assert len(begun) < 20
     assert threading.active_count() == before
+
+
+def test_a_result_in_the_background_is_waited_for_and_its_error_is_raised() -> None:
+    go_on = threading.Event()
+    work = cores.Background(lambda: (go_on.wait(60), threading.current_thread().daemon))
+    go_on.set()
+    assert [work.result(), work.result()] == [(True, True)] * 2
+    failed = cores.Background(lambda: 1 // 0)
+    with pytest.raises(ZeroDivisionError):
+        failed.result()
 
 
 @pytest.mark.parametrize(("workers", "inside"), [(0, 3), (1, 3), (2, 1)])
@@ -86,31 +94,21 @@ def test_each_worker_has_its_share_of_eight_cores(
     assert cores.share_cores(*asked) == shared
 
 
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="needs affinity masks")
-def test_cores_that_the_process_may_not_use_do_not_count() -> None:
-    code = (
-        "import os\n"
-        "from depthcli.core.parallel import share_cores, usable_cores\n"
-        "os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
-        "print(usable_cores(), *share_cores())"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
-    assert done.stdout.split() == [b"1", b"1", b"1"]
-
-
 @pytest.mark.parametrize(
     ("text", "usable"),
     [("max 100000", 8), ("150000 100000", 2), ("1000 100000", 1), ("?", 8), (None, 8)],
 )
-def test_a_quota_of_a_container_limits_the_cores(
+def test_an_affinity_mask_and_a_quota_of_a_container_limit_the_cores(
     text: str | None, usable: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if text is not None:
         (tmp_path / "cpu.max").write_text(text)
     monkeypatch.setattr(cores, "_CPU_MAX", tmp_path / "cpu.max")
-    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    monkeypatch.setattr(os, "cpu_count", lambda: 16)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _pid: set(range(8)), raising=False)
     assert cores.usable_cores() == usable
+    monkeypatch.delattr(os, "sched_getaffinity")  # as on macOS and Windows
+    assert cores.usable_cores() == (16 if usable == 8 else usable)
 
 
 def test_first_signal_is_noted_and_the_second_acts() -> None:
@@ -123,24 +121,19 @@ def test_first_signal_is_noted_and_the_second_acts() -> None:
             signal.raise_signal(signal.SIGINT)
         assert signal.getsignal(signal.SIGINT) is before
     assert signal.getsignal(signal.SIGINT) is before
-
-
-def test_without_signals_nothing_is_caught() -> None:
     with Interrupt(), pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
 
 
+def test_processes_start_without_ctrl_c() -> None:
+    with cores.without_interrupts():
+        assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
 def test_other_threads_cannot_and_need_not_listen() -> None:
-    seen = []
-
-    def enter() -> None:
-        with Interrupt(signal.SIGINT) as interrupt:
-            seen.append(interrupt.number)
-
-    thread = threading.Thread(target=enter)
-    thread.start()
-    thread.join()
-    assert seen == [None]
+    other = cores.Background(Interrupt(signal.SIGINT).__enter__)
+    assert other.result().number is None
 
 
 def test_the_last_action_is_taken_first_and_none_stops_another() -> None:

@@ -173,13 +173,15 @@ CAMERA = Intrinsics(50.0, centre_px=(31.5, 23.5), size_px=(64, 48))
 POINTS = np.array([[0.0, 0, 2], [-1, 0.5, 4], [0.001, 0, 3], [0, 0, -2], [np.nan, 0, 2], [9, 0, 1]])
 
 
-def test_points_are_projected_as_a_pinhole_does() -> None:
+def test_points_are_projected_as_a_pinhole_of_known_pixels_does() -> None:
     """The nearest counts of two in a pixel; others are dropped and counted."""
     found = clouds.projected(POINTS[:5], CAMERA)
     expected = [(round(31.5 + 50 * x / z), round(23.5 + 50 * y / z), z) for x, y, z in POINTS[:2]]
     assert sorted(zip(found.x, found.y, found.depth_m, strict=True)) == sorted(expected)
     assert found.size_px == (64, 48)
     assert "2 of 5" in found.warnings[0]
+    with pytest.raises(InputError, match="focal length"):
+        clouds.projected(POINTS, Intrinsics(hfov_deg=60))
 
 
 def test_most_points_of_a_cloud_may_be_outside_but_not_all() -> None:
@@ -190,11 +192,6 @@ def test_most_points_of_a_cloud_may_be_outside_but_not_all() -> None:
     assert "8 of 10" in found.warnings[0]
     with pytest.raises(UsageError, match="8 of 8"):
         clouds.projected(around[2:], CAMERA).within(64, 48)
-
-
-def test_clouds_need_a_camera_in_pixels() -> None:
-    with pytest.raises(InputError, match="focal length"):
-        clouds.projected(POINTS, Intrinsics(hfov_deg=60))
 
 
 TURNED = "0 -1 0 0.1\n0 0 -1 -0.2\n1 0 0 0.3"  # of a lidar: x forward, y to the left, z up
@@ -346,9 +343,7 @@ def write_binary(folder: Path) -> None:
     (folder / "images.bin").write_bytes(images)
     points = struct.pack("<Q", len(WORLD))
     for number, place in WORLD.items():
-        points += struct.pack("<Q3d3BdQ", number, *place, 9, 9, 9, 0.5, 2) + struct.pack(
-            "<4I", *range(4)
-        )
+        points += struct.pack("<Q3d3BdQ4I", number, *place, 9, 9, 9, 0.5, 2, *range(4))
     (folder / "points3D.bin").write_bytes(points)
 
 
@@ -422,7 +417,7 @@ def test_dynamic_depth_after_a_jpeg_is_read(tmp_path: Path) -> None:
     assert (stored.values[0, 0], stored.values[-1, -1]) == (0.5, 8)
 
 
-def test_gdepth_without_a_unit_is_relative(tmp_path: Path) -> None:
+def test_gdepth_without_a_unit_is_relative_and_without_numbers_none(tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
     facts = {"Format": "RangeLinear", "Near": "1"}
     path.write_bytes(made.jpeg_with_depth(made.JPEG, SHADES, Far="2", **facts))
@@ -431,24 +426,22 @@ def test_gdepth_without_a_unit_is_relative(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         read_stored_depth(path)
     path.write_bytes(made.JPEG)
-    with pytest.raises(InputError):
-        read_stored_depth(path)
+    (tmp_path / "a.heic").write_bytes(heic(np.zeros((64, 64, 3), np.uint8)))
+    for without in (path, tmp_path / "a.heic"):
+        with pytest.raises(InputError):
+            read_stored_depth(without)
 
 
 @pytest.mark.parametrize(
-    ("facts", "near_m", "far_m"),
+    ("facts", "range_m"),
     [
-        ({"representation_type": 1, "d_min": 1.498, "d_max": 4.383}, 1 / 4.383, 1 / 1.498),
-        ({"representation_type": 0, "z_near": 0.5, "z_far": 2.0}, 0.5, 2.0),
-        ({"representation_type": 2, "z_near": 0.5, "z_far": 2.0}, 0.5, 2.0),
+        ({"representation_type": 1, "d_min": 1.498, "d_max": 4.383}, (1 / 4.383, 1 / 1.498)),
+        ({"representation_type": 0, "z_near": 0.5, "z_far": 2.0}, (0.5, 2.0)),
+        ({"representation_type": 2, "z_near": 0.5, "z_far": 2.0}, (0.5, 2.0)),
     ],
 )
 def test_depth_image_of_a_heic_is_in_metres(
-    facts: dict[str, float],
-    near_m: float,
-    far_m: float,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    facts: object, range_m: tuple[float, float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As of an iPhone 13 Pro, whose disparity is uniform and marked as relative."""
     monkeypatch.setattr(heif, "depth_images", lambda _: [(SHADES, facts)])
@@ -458,11 +451,5 @@ def test_depth_image_of_a_heic_is_in_metres(
     stored = read_stored_depth(path)
     assert stored.depth.is_metric
     assert len(stored.warnings) == 1
-    assert stored.depth.values.min() == pytest.approx(near_m)
-    assert stored.depth.values.max() == pytest.approx(far_m)
-
-
-def test_heic_without_depth_is_no_depth_file(tmp_path: Path) -> None:
-    (tmp_path / "a.heic").write_bytes(heic(np.zeros((64, 64, 3), np.uint8)))
-    with pytest.raises(InputError):
-        read_stored_depth(tmp_path / "a.heic")
+    values_m = stored.depth.values
+    assert (values_m.min(), values_m.max()) == pytest.approx(range_m)

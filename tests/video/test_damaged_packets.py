@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,11 +26,6 @@ def random_steps(count: int) -> np.ndarray[Any, np.dtype[np.uint16]]:
     return np.random.default_rng(0).integers(1, 65536, (count, 48, 64), dtype=np.uint16)
 
 
-def write_own(path: Path, count: int) -> Path:
-    write_depth_video(path, (random_steps(count) / 1000).astype(np.float32))
-    return path
-
-
 def write_other(path: Path, count: int, **options: str) -> Path:
     options = {"g": "1"} | options
     return encode(path, random_steps(count), NTSC, "ffv1", "gray16le", options=options)
@@ -38,7 +33,8 @@ def write_other(path: Path, count: int, **options: str) -> Path:
 
 @pytest.mark.parametrize(("count", "damaged"), [(1, 0), (10, 0), (10, 5)])
 def test_a_damaged_frame_is_never_taken_for_depth(count: int, damaged: int, tmp_path: Path) -> None:
-    path = write_own(tmp_path / "a.mkv", count)
+    path = tmp_path / "a.mkv"
+    write_depth_video(path, (random_steps(count) / 1000).astype(np.float32))
     damage_frames(path, damaged)
     found: list[Any] = []
     with pytest.raises(InputError):
@@ -118,45 +114,25 @@ def test_dropped_frames_of_an_avi_are_no_missing_end(tmp_path: Path) -> None:
         assert source.problem is None
 
 
-class OneWay:
-    """A pipe to write into."""
-
-    def __init__(self) -> None:
-        self.data = b""
-
-    def write(self, data: bytes) -> int:
-        self.data += data
-        return len(data)
-
-
 def test_an_avi_from_a_pipe_states_no_end(tmp_path: Path) -> None:
-    pipe, path = OneWay(), tmp_path / "a.avi"
+    data, path = bytearray(), tmp_path / "a.avi"
+    pipe = SimpleNamespace(write=lambda part: data.extend(part) or len(part))
     noise = np.random.default_rng(0).integers(0, 256, (12, 48, 64, 3), np.uint8)
     encode(pipe, noise, Fraction(25), "mjpeg", "yuvj420p", container="avi")
-    assert pipe.data[4:8] == b"\xff" * 4
-    path.write_bytes(pipe.data)
+    assert data[4:8] == b"\xff" * 4
+    path.write_bytes(data)
     with VideoSource(path) as source:
         assert source.frames_stated is None
         assert len(list(source.frames())) == 12
         assert source.problem is None
 
 
-class Removal:
-    """A Progress that removes a file after some frames."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def begin(self, _what: str, _total: int | None, _unit: str = "") -> Callable[[int], None]:
-        return lambda _count: self._path.unlink(missing_ok=True)
-
-
 def test_a_source_that_is_removed_during_the_run_costs_no_output(tmp_path: Path) -> None:
     clip = write_video(tmp_path / "clip.mkv", flat_frames(range(40)))
     model = SessionLoader(write_model(tmp_path / "model"), "cpu")
-    done = video(
-        VideoRequest(str(clip), video_destination(f"{tmp_path}/out/"), model=model), Removal(clip)
-    )
+    removal = SimpleNamespace(begin=lambda *_: lambda _count: clip.unlink(missing_ok=True))
+    request = VideoRequest(str(clip), video_destination(f"{tmp_path}/out/"), model=model)
+    done = video(request, removal)
     assert done.frames == 40
     assert done.problem
     names = sorted(path.name for path in (tmp_path / "out").iterdir())

@@ -17,8 +17,6 @@ from depthcli.core.options import Eye, Projection, ReadOptions
 from depthcli.errors import InputError, UsageError
 from depthcli.video.source import VideoSource
 
-FOCAL_35MM = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
-
 
 def write_streams(path: Path, counts: Sequence[int]) -> Path:
     """A video with several streams, each of one gray level."""
@@ -68,32 +66,26 @@ def test_a_stream_that_does_not_exist_is_an_error(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "value", "expected"),
+    ("kind", "value", "focal_35mm", "focal_mm"),
     [
-        (21, (13).to_bytes(4), 13),  # iPhone
-        (21, (27).to_bytes(1), 27),
-        (77, (24).to_bytes(4), 24),
-        (23, struct.pack(">f", 26.5), 26.5),
-        (1, b"50.00mm", 50),  # Blackmagic Camera
-        (1, b"unknown", None),
+        (21, (13).to_bytes(4), 13, None),  # iPhone
+        (21, (27).to_bytes(1), 27, None),
+        (77, (24).to_bytes(4), 24, None),
+        (23, struct.pack(">f", 26.5), 26.5, None),
+        (1, b"50.00mm", 50, None),  # Blackmagic Camera
+        (1, b"unknown", None, None),
+        (1, b"iPhone 15 Pro back camera 6.765mm f/1.78", None, 6.765),  # of the lens
     ],
 )
 def test_the_focal_length_of_a_track_is_that_of_its_frames(
-    kind: int, value: bytes, expected: float | None, tmp_path: Path
+    kind: int, value: bytes, focal_35mm: float | None, focal_mm: float | None, tmp_path: Path
 ) -> None:
     path = write_mp4(tmp_path / "a.mov", flat_frames(range(3)))
-    path.write_bytes(with_track_tag(path.read_bytes(), FOCAL_35MM, kind, value))
+    name = "lens_model" if focal_mm else "focal_length.35mm_equivalent"
+    name = f"com.apple.quicktime.camera.{name}"
+    path.write_bytes(with_track_tag(path.read_bytes(), name, kind, value))
     _, frames = read(path)
-    assert [frame.focal_35mm for frame in frames] == [expected] * 3
-
-
-def test_the_focal_length_of_the_lens_is_no_equivalent(tmp_path: Path) -> None:
-    path = write_mp4(tmp_path / "a.mov", flat_frames(range(3)))
-    name = "com.apple.quicktime.camera.lens_model"
-    text = b"iPhone 15 Pro back camera 6.765mm f/1.78"
-    path.write_bytes(with_track_tag(path.read_bytes(), name, 1, text))
-    _, frames = read(path)
-    assert (frames[0].focal_35mm, frames[0].focal_mm) == (None, 6.765)
+    assert [(frame.focal_35mm, frame.focal_mm) for frame in frames] == [(focal_35mm, focal_mm)] * 3
 
 
 def stereo(
@@ -149,12 +141,17 @@ def test_two_views_in_a_frame_give_a_warning(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [(48, 64), (480, 640)])
-def test_raw_motion_jpeg_of_any_size_is_read(size: tuple[int, int], tmp_path: Path) -> None:
-    """ESP32-CAM and other cameras store JPEGs one after the other (espressif/esp32-camera#84)."""
+@pytest.mark.parametrize(
+    "part", [b"%(jpeg)b", b"--frame\r\nContent-Length: %(size)d\r\n\r\n%(jpeg)b\r\n"]
+)
+def test_motion_jpeg_of_cameras_is_read(size: tuple[int, int], part: bytes, tmp_path: Path) -> None:
+    """ESP32-CAM and others store JPEGs one after the other (espressif/esp32-camera#84)."""
     noise = np.random.default_rng(0).integers(0, 255, (*size, 3), np.uint8)
-    path = encode(tmp_path / "a.mjpeg", [noise] * 4, Fraction(25), "mjpeg", "yuvj444p")
-    source, frames = read(path)
-    assert len(frames) == 4
+    _, jpeg = cv2.imencode(".jpg", noise)
+    data = part % {b"size": jpeg.size, b"jpeg": jpeg.tobytes()}
+    (tmp_path / "a.mjpeg").write_bytes(data * 5)
+    source, frames = read(tmp_path / "a.mjpeg")
+    assert len(frames) == 5
     assert (source.height, source.width) == size
 
 
@@ -216,12 +213,3 @@ def test_levels_stretch_the_range_of_a_thermal_video(tmp_path: Path) -> None:
     for frame in frames:
         assert (frame.pixels.min(), frame.pixels.max()) == (0, 65535)
     assert source.warnings == ()
-
-
-def test_multipart_jpeg_of_network_cameras_is_read(tmp_path: Path) -> None:
-    noise = np.random.default_rng(0).integers(0, 255, (240, 320, 3), np.uint8)
-    _, jpeg = cv2.imencode(".jpg", noise)
-    part = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n%s\r\n"
-    (tmp_path / "a.mjpeg").write_bytes(part % (jpeg.size, jpeg.tobytes()) * 5)
-    _, frames = read(tmp_path / "a.mjpeg")
-    assert len(frames) == 5

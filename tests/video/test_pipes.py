@@ -81,13 +81,10 @@ def read(data: bytes, pixel_format: str) -> tuple[VideoSource, list[Any]]:
         return source, list(source.frames())
 
 
-def test_an_incomplete_last_frame_is_told() -> None:
+def test_an_incomplete_last_frame_is_told_and_an_only_one_an_error() -> None:
     source, frames = read(RGB.tobytes()[:-1], "rgb24")
     assert len(frames) == FRAMES - 1
     assert source.problem is not None
-
-
-def test_less_than_a_frame_is_an_error() -> None:
     with pytest.raises(InputError, match="raw"):
         read(RGB.tobytes()[:30], "rgb24")
 

@@ -2,6 +2,7 @@
 
 import os
 import wave
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -40,16 +41,6 @@ RATES = [
     *(Fraction(n * 1000, 1001) for n in (24, 30, 60)),
     *(Fraction(25), Fraction(1, 60), Fraction(10000, 1001), Fraction(1001, 37)),
 ]
-TURN = tuple(range(0, 256, 3))
-
-
-def seen_times_ms(path: Path) -> tuple[float, list[float]]:
-    """Rate and times as another program sees them."""
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-    fps, times = capture.get(cv2.CAP_PROP_FPS), []
-    while capture.grab():
-        times.append(capture.get(cv2.CAP_PROP_POS_MSEC))
-    return fps, times
 
 
 @pytest.mark.parametrize(
@@ -73,7 +64,10 @@ def test_rates_that_containers_round_are_known(fps: float, rate: Fraction) -> No
 def test_a_depth_video_has_the_exact_rate_and_times(rate: Fraction, tmp_path: Path) -> None:
     frames = 200
     write_depth_video(tmp_path / "a.mkv", [np.ones((16, 16), np.float32)] * frames, rate)
-    fps, times_ms = seen_times_ms(tmp_path / "a.mkv")
+    capture = cv2.VideoCapture(str(tmp_path / "a.mkv"), cv2.CAP_FFMPEG)  # another program
+    fps, times_ms = capture.get(cv2.CAP_PROP_FPS), []
+    while capture.grab():
+        times_ms.append(capture.get(cv2.CAP_PROP_POS_MSEC))
     assert exact_rate(fps) == rate
     assert DepthVideo(tmp_path / "a.mkv").rate == rate
     if rate == NTSC:
@@ -134,10 +128,6 @@ def test_a_size_that_the_codec_does_not_take_is_one_line(tmp_path: Path) -> None
     assert list(tmp_path.iterdir()) == []
 
 
-def number(value: int) -> Point:
-    return Point(Fraction(value), in_frames=True)
-
-
 ONE = 1 << 16
 MATRICES = {  # a, b, c, d: x' = a x + c y, y' = b x + d y
     1: (ONE, 0, 0, ONE),
@@ -190,40 +180,34 @@ def test_frames_with_facts_that_pyav_does_not_know_are_read(
     assert np.unique(frame.pixels).tolist() == [9]
 
 
-def cut_mkv(tmp_path: Path) -> Path:
-    rng = np.random.default_rng(0)
-    path = tmp_path / "a.mkv"
-    write_depth_video(path, [rng.random((48, 64), np.float32) + 1 for _ in range(60)])
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    return path
+def random_maps() -> list[np.ndarray[Any, Any]]:
+    return list(np.random.default_rng(0).random((60, 48, 64), np.float32) + 1)
 
 
-def cut_avi(tmp_path: Path) -> Path:
-    path = write_video(tmp_path / "a.avi", flat_frames(TURN))
-    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
-    return path
+def write_mp4_header_first(path: Path) -> None:
+    path.write_bytes(header_first(write_mp4(path, noise_frames(60)).read_bytes()))
 
 
-def cut_mp4(tmp_path: Path) -> Path:
-    path = write_mp4(tmp_path / "a.mp4", noise_frames(60))
-    whole = header_first(path.read_bytes())
-    path.write_bytes(whole)
-    with VideoSource(path) as source:
-        assert len(list(source.frames())) == 60
-        assert source.problem is None
-    path.write_bytes(whole[: len(whole) * 2 // 3])
-    return path
-
-
-@pytest.mark.parametrize("make", [cut_mkv, cut_avi, cut_mp4])
-def test_a_cut_video_gives_what_there_is_and_says_so(make: Any, tmp_path: Path) -> None:
-    path = make(tmp_path)
+@pytest.mark.parametrize(
+    ("name", "write", "share"),
+    [
+        ("a.mkv", lambda path: write_depth_video(path, random_maps()), 1 / 2),
+        ("a.avi", lambda path: write_video(path, flat_frames(range(0, 256, 3))), 2 / 3),
+        ("a.mp4", write_mp4_header_first, 2 / 3),
+    ],
+)
+def test_a_cut_video_gives_what_there_is_and_says_so(
+    name: str, write: Callable[[Path], object], share: float, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    write(path)
+    path.write_bytes(path.read_bytes()[: round(path.stat().st_size * share)])
     with VideoSource(path) as source:
         frames = list(source.frames())
         assert 5 < len(frames) < 60
         assert f"after {len(frames)}" in source.problem
     with VideoSource(path) as source:
-        assert len(list(source.frames(Span(end=number(4))))) == 4
+        assert len(list(source.frames(Span(end=Point(Fraction(4), in_frames=True))))) == 4
         assert source.problem is None
     if path.suffix == ".mkv":
         with pytest.raises(InputError):
@@ -279,25 +263,22 @@ def test_frames_without_a_time_get_one(tmp_path: Path) -> None:
     assert times_s == pytest.approx([i / 25 for i in range(30)])
 
 
-def test_files_without_video_are_one_line(tmp_path: Path, capfd: Any) -> None:
+def test_files_without_video_and_playlists_are_one_line(tmp_path: Path, capfd: Any) -> None:
     (tmp_path / "empty.mp4").touch()
     (tmp_path / "text.mp4").write_text("hello " * 100)
+    secret = write_mp4(tmp_path / "secret.mp4", flat_frames(range(3)))
+    (tmp_path / "list.mp4").write_text(f"#EXTM3U\n#EXTINF:9,\n{secret}\n")
+    (tmp_path / "other.mkv").write_text(f"ffconcat version 1.0\nfile '{secret}'\n")
     with wave.open(str(tmp_path / "sound.wav"), "wb") as sound:
         sound.setparams((1, 2, 8000, 4000, "NONE", ""))
         sound.writeframes(bytes(8000))
-    # Without an end, a file such as /proc/version states no size.
-    for name in ("empty.mp4", "text.mp4", "sound.wav", "missing.mp4", ".", "/proc/version"):
+    names = ("empty.mp4", "text.mp4", "list.mp4", "other.mkv", "sound.wav", "missing.mp4", ".")
+    for name in (*names, "/proc/version"):  # which states no size without its end
         with pytest.raises(InputError) as caught:
             VideoSource(tmp_path / name)
         assert str(tmp_path / name) in str(caught.value)
         assert "\n" not in str(caught.value)
     assert capfd.readouterr().err == ""
-
-
-def deep_ramp(width: int = 1024) -> np.ndarray[Any, Any]:
-    """Every 16-bit gray level that 1024 columns can show, red and blue beside it."""
-    gray = np.linspace(0, 65535, width).astype(np.uint16)
-    return np.repeat(gray[None, :, None], 16, 0).repeat(3, 2)
 
 
 @pytest.mark.parametrize(
@@ -306,7 +287,8 @@ def deep_ramp(width: int = 1024) -> np.ndarray[Any, Any]:
 def test_ten_and_twelve_bits_reach_the_value_channel(
     pixel_format: str, bits: int, tmp_path: Path
 ) -> None:
-    ramp = deep_ramp()
+    gray = np.linspace(0, 65535, 1024).astype(np.uint16)  # every level that the columns can show
+    ramp = np.repeat(gray[None, :, None], 16, 0).repeat(3, 2)
     path = encode(tmp_path / "a.mkv", [ramp] * 2, NTSC, "ffv1", pixel_format, colours="itu709")
     with VideoSource(path) as source:
         pixels = next(source.frames()).pixels
@@ -327,9 +309,7 @@ def test_colours_follow_the_files_own_matrix(colours: str, tmp_path: Path) -> No
 
 
 def test_a_gap_in_matroska_is_noticed(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    maps = [rng.random((48, 64), np.float32) + 1 for _ in range(60)]
-    write_depth_video(tmp_path / "a.mkv", maps)
+    write_depth_video(tmp_path / "a.mkv", random_maps())
     data = bytearray((tmp_path / "a.mkv").read_bytes())
     middle, gap = len(data) // 2, len(data) // 12
     data[middle : middle + gap] = bytes(gap)
@@ -337,13 +317,6 @@ def test_a_gap_in_matroska_is_noticed(tmp_path: Path) -> None:
     with VideoSource(tmp_path / "a.mkv") as source:
         assert 40 < len(list(source.frames())) < 58
         assert source.problem is not None
-
-
-def stream_of(path: Path) -> tuple[str, str | None, Fraction | None]:
-    with av.open(str(path)) as container:
-        stream = container.streams.video[0]
-        context = stream.codec_context
-        return context.codec.canonical_name, context.pix_fmt, stream.average_rate
 
 
 @pytest.mark.parametrize(
@@ -370,15 +343,18 @@ def test_previews_of_every_codec(
             output.finish()
     assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
     assert capfd.readouterr() == ("", "")
-    assert stream_of(path) == (codec.value, pixel_format, NTSC)
     with av.open(str(path)) as container:
-        told = container.metadata
+        told, stream = container.metadata, container.streams.video[0]
+        context = stream.codec_context
+        assert (context.codec.canonical_name, context.pix_fmt) == (codec.value, pixel_format)
+        assert stream.average_rate == NTSC
     assert told.get("comment", told.get("COMMENT")) == f"written by depthcli {__version__}"
     assert is_own(path)
     with pytest.raises(InputError, match="written by depthcli"):
         open_frames(path)
     with VideoSource(path) as source:
         frames = list(source.frames())
+        assert source.problem is None
     assert [f.timestamp_s for f in frames] == [float(i / NTSC) for i in range(12)]
     expected = PreviewWriter().render(shot(values).depth, None, (0.0, 1.0))
     shown = frames[0].pixels_8bit()
@@ -386,23 +362,10 @@ def test_previews_of_every_codec(
     assert np.abs(shown[:49].astype(int) - expected).mean() < 8
 
 
-def test_a_preview_can_be_played_while_it_is_loaded(tmp_path: Path) -> None:
-    write_preview_video(tmp_path / "a.mp4", [np.ones((16, 16), np.float32)])
-    data = (tmp_path / "a.mp4").read_bytes()
-    assert data.index(b"moov") < data.index(b"mdat")
-
-
-def test_a_long_preview_is_recognized_behind_its_tables(tmp_path: Path) -> None:
+def test_a_long_preview_can_be_played_while_it_is_loaded_and_is_recognized(tmp_path: Path) -> None:
     path = tmp_path / "a.mp4"
     write_preview_video(path, [np.ones((16, 16), np.float32)] * 3000)
-    assert path.read_bytes().index(b"written by depthcli") > 4096
+    data = path.read_bytes()
+    assert data.index(b"moov") < data.index(b"mdat")
+    assert data.index(b"written by depthcli") > 4096  # behind its tables
     assert is_own(path)
-
-
-def test_a_playlist_is_no_video(tmp_path: Path) -> None:
-    write_mp4(tmp_path / "secret.mp4", flat_frames(range(3)))
-    (tmp_path / "list.mp4").write_text(f"#EXTM3U\n#EXTINF:9,\n{tmp_path}/secret.mp4\n")
-    (tmp_path / "other.mkv").write_text(f"ffconcat version 1.0\nfile '{tmp_path}/secret.mp4'\n")
-    for name in ("list.mp4", "other.mkv"):
-        with pytest.raises(InputError):
-            VideoSource(tmp_path / name)
