@@ -1,6 +1,5 @@
 """The pipeline, and what networks tell besides depth: masks, scales, points."""
 
-import json
 import math
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -12,7 +11,6 @@ import numpy as np
 import onnx
 import pytest
 from helpers.tiny import (
-    card_with,
     known_depth_onnx,
     load,
     prompted_onnx,
@@ -22,6 +20,7 @@ from helpers.tiny import (
 )
 from onnx import TensorProto, helper, numpy_helper
 
+from depthcli.core import imageops
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, CameraSource, Intrinsics
 from depthcli.core.options import DepthFit, DepthMask, UpsamplingOptions
 from depthcli.core.types import DepthKind, DepthMap, Frame
@@ -35,6 +34,8 @@ from depthcli.inference.pipeline import (
 )
 from depthcli.inference.point_map import depth_of_points
 from depthcli.inference.session import Session
+from depthcli.inference.transforms import follow_points
+from depthcli.known.local_correction import log_correction
 from depthcli.known.points import KnownDepth
 from depthcli.models.catalog import find_model
 
@@ -49,33 +50,17 @@ def kinect(tmp_path: Path) -> Pipeline:
     return load(write_model(tmp_path / "kinect", camera={"hfov_deg": 60.0}))
 
 
-@pytest.mark.parametrize(("shift_m", "metres"), [(-0.2, 5.0), (0.3, 5.5), (-6.0, math.nan)])
+@pytest.mark.parametrize(("shift_m", "metres"), [(-0.2, 1.8), (0.3, 2.3), (-2.0, math.nan)])
 def test_metres_are_corrected_as_measured(
     model_folder: Path, shift_m: float, metres: float
 ) -> None:
     pipeline = load(model_folder)
     scale = CameraScale("robot", "tiny", pipeline.session.model.sha256, 2.0, shift_m, None, 1, 1)
-    depth = pipeline.predict(gray(51), Intrinsics(scale=scale)).depth
+    depth = pipeline.predict(gray(0), Intrinsics(scale=scale)).depth  # of 1 m
     np.testing.assert_allclose(depth.values, metres, rtol=1e-5)
+    assert depth.provenance.camera_scale == scale
     with pytest.raises(UsageError, match="'robot' was calibrated with another model, 'tiny'"):
         pipeline.predict(gray(51), Intrinsics(scale=replace(scale, model_sha256="0" * 64)))
-
-
-@pytest.mark.parametrize("fit", ["stretch", "keep-aspect"])
-@pytest.mark.parametrize("dynamic", [True, False])
-def test_every_fit_puts_depth_where_the_image_is(tmp_path: Path, fit: str, dynamic: bool) -> None:
-    folder = write_model(tmp_path, input__fit=fit, input__dynamic=dynamic)
-    pixels = synthetic_image(60, 180)
-    depth = load(folder).predict(Frame(pixels)).depth.values
-    expected = 1 + 8 / 255 * pixels.max(axis=-1)
-    assert np.abs(depth - expected)[:, 12:-12].max() < 0.4
-
-
-def test_an_output_of_lower_stride_is_brought_to_size(tmp_path: Path) -> None:
-    folder = write_model(tmp_path, tiny_onnx(stride=2))
-    depth = load(folder).predict(gray(255)).depth
-    assert depth.values.shape == (30, 40)
-    np.testing.assert_allclose(depth.values, 9, rtol=1e-5)
 
 
 def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
@@ -83,8 +68,10 @@ def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
     nothing = np.full((1, 1, 1, 1), np.nan, np.float32)
     proto.graph.initializer[0].CopyFrom(onnx.numpy_helper.from_array(nothing, "weight"))
     session = Session(find_model(write_model(tmp_path, proto.SerializeToString())))
-    with pytest.raises(ModelError):
+    with pytest.raises(ModelError, match="no depth for an image, no finite number"):
         try_session(session)
+    with pytest.raises(ModelError, match=r"no depth for a\.png"):
+        Pipeline(session).predict(replace(gray(0), path=Path("a.png")))
 
 
 def predicted(
@@ -120,10 +107,14 @@ def test_an_image_that_fails_does_not_stop_the_others_of_its_batch(kinect: Pipel
         kinect.predict(gray(90), anchors=outside)
 
 
-def test_a_network_that_takes_one_image_gets_one_at_a_time(tmp_path: Path) -> None:
+def test_a_network_that_takes_one_image_gets_one_at_a_time(
+    tmp_path: Path, kinect: Pipeline
+) -> None:
     graph = onnx.load_from_string(tiny_onnx())
     graph.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
-    maps = predicted(load(write_model(tmp_path, graph.SerializeToString())), [gray(0), gray(255)])
+    one = load(write_model(tmp_path, graph.SerializeToString()))
+    assert (one.session.takes_one, kinect.session.takes_one) == (True, False)
+    maps = predicted(one, [gray(0), gray(255)])
     assert [float(depth.values[9, 9]) for depth in maps] == pytest.approx([1, 9])
 
 
@@ -132,7 +123,7 @@ def test_a_network_that_takes_one_image_gets_one_at_a_time(tmp_path: Path) -> No
     [
         (1.02, 4, "nearer"),
         (0.5, 4, "nearer"),
-        (17.7, 4, "farther"),
+        (17.64, 4, "farther"),
         (17.7, 3, None),
         (1.03, 4, None),
         (17.6, 4, None),
@@ -162,9 +153,12 @@ def prompted(tmp_path: Path) -> Pipeline:
     return load(write_model(tmp_path / "prompted", prompted_onnx(), input__prompt=True, **changes))
 
 
-def test_known_depth_is_an_input_of_a_model_that_takes_it(prompted: Pipeline) -> None:
+@pytest.mark.parametrize("known_m", [40.0, 0.1])
+def test_known_depth_is_an_input_of_a_model_that_takes_it(
+    prompted: Pipeline, known_m: float
+) -> None:
     """The relief of its map is then that of the points, beyond the range of the model alone."""
-    points = KnownDepth(np.arange(0, 40, 8), np.arange(0, 30, 6), np.full(5, 40.0))
+    points = KnownDepth(np.arange(0, 40, 8), np.arange(0, 30, 6), np.full(5, known_m))
     known = [None, replace(points, fit=DepthFit.LOCAL), points]
     found = prompted.predict_many([gray(0)] * 3, [UNKNOWN_CAMERA] * 3, known)
     reliefs = [np.ptp(np.log(one.depth.values)) for one in found]
@@ -199,6 +193,27 @@ def test_depth_of_a_network_follows_few_points_as_that_makes_it(prompted: Pipeli
         away_m.append(prompted.predict(gray(0, 48, 64), anchors=points).depth.values[30, 5])
     assert away_m[0] == pytest.approx(1, rel=0.01)
     assert away_m[1] > 1.02
+
+
+@pytest.mark.parametrize("noise", [0.05, 1e-4])
+def test_points_are_followed_up_to_some_median_deviations(prompted: Pipeline, noise: float) -> None:
+    """Up to 6.95 of them, or half a percent; those outside of the image are not counted."""
+    random, frame = np.random.default_rng(0), gray(0)
+    coarse_m = random.uniform(1, 2, (6, 8)).astype(np.float32)
+    x, y = random.integers(0, 40, 22), random.integers(0, 30, 22)
+    places = (y + 0.5) / 30, (x + 0.5) / 40
+    mapped = imageops.sample_bilinear(np.log(coarse_m), *places)
+    off = np.where(np.arange(22) % 2, noise, -noise)
+    off[-2:] = -max(6 * noise, 0.004), max(8 * noise, 0.006)
+    known_m = np.exp(mapped + 0.3 + off)
+    away = np.abs(np.log(known_m) - mapped - np.median(np.log(known_m) - mapped))
+    followed = away <= max(6.95 * np.median(away), 0.005)
+    assert [*followed] == [True] * 21 + [False]
+    field = log_correction(np.log(coarse_m), np.stack([*places, mapped]), known_m, followed, 1)
+    points = KnownDepth(np.append(x, 40), np.append(y, 5), np.append(known_m, 1.5))
+    found_m, used = follow_points(prompted.card, coarse_m, frame, points)
+    np.testing.assert_allclose(found_m, coarse_m * np.exp(field), rtol=1e-6)
+    np.testing.assert_array_equal(used, [*followed, False])
 
 
 @pytest.mark.parametrize("fit", [DepthFit.GLOBAL, DepthFit.LOCAL, DepthFit.NETWORK])
@@ -263,10 +278,8 @@ def pipeline(folder: Path, options: UpsamplingOptions = MASKED, **changes: Any) 
     graph.initializer.append(numpy_helper.from_array(np.float32([90]), "right"))
     for name in ("sky", "view"):
         graph.output.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, None))
-    (folder / "m.onnx").write_bytes(model.SerializeToString())
-    card = card_with({"file": "m.onnx", "onnx.output": "depth", **changes})
-    (folder / "card.json").write_text(json.dumps(card))
-    return Pipeline(Session(find_model(folder)), options)
+    folder = write_model(folder, model.SerializeToString(), onnx__output="depth", **changes)
+    return load(folder, detail=options)
 
 
 def bright_right() -> Frame:
@@ -274,15 +287,14 @@ def bright_right() -> Frame:
     return Frame(np.repeat(np.uint8([[0, 255]]), 16, axis=1).repeat(24, axis=0))
 
 
-def test_pixels_of_the_mask_have_no_depth(tmp_path: Path) -> None:
-    depth = pipeline(tmp_path, **{"output.mask": SKY}).predict(bright_right()).depth.values
+def test_pixels_of_the_mask_have_no_depth_if_it_is_asked_for(tmp_path: Path) -> None:
+    masking = pipeline(tmp_path, output__mask=SKY)
+    depth = masking.predict(bright_right()).depth.values
     assert np.isfinite(depth[:, :12]).all()
     assert np.isnan(depth[:, -12:]).all()
-
-
-def test_the_mask_is_used_only_if_it_is_asked_for(tmp_path: Path) -> None:
-    made = pipeline(tmp_path, UpsamplingOptions(), **{"output.mask": SKY})
-    assert np.isfinite(made.predict(bright_right()).depth.values).all()
+    transparent = replace(bright_right(), transparent=np.eye(24, 32, dtype=bool))
+    depth = Pipeline(masking.session).predict(transparent).depth.values
+    np.testing.assert_array_equal(np.isnan(depth), transparent.transparent)
 
 
 def test_a_model_without_a_mask_has_none_to_use(tmp_path: Path) -> None:
@@ -292,7 +304,7 @@ def test_a_model_without_a_mask_has_none_to_use(tmp_path: Path) -> None:
 
 def test_an_output_that_the_graph_lacks_is_named(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="'clouds'"):
-        pipeline(tmp_path, **{"output.mask": {**SKY, "output": "clouds"}})
+        pipeline(tmp_path, output__mask={**SKY, "output": "clouds"})
 
 
 @pytest.mark.parametrize(
@@ -327,31 +339,27 @@ def points(width: int, height: int, hfov_deg: float) -> np.ndarray:
 
 @pytest.mark.parametrize("size", [(80, 60), (60, 80), (200, 50)])
 @pytest.mark.parametrize("hfov_deg", [30, 60, 100])
-def test_shift_and_view_are_those_of_the_camera(size: tuple[int, int], hfov_deg: float) -> None:
+@pytest.mark.parametrize("known", [False, True])
+def test_shift_and_view_are_those_of_the_camera(
+    size: tuple[int, int], hfov_deg: float, known: bool
+) -> None:
     given = points(*size, hfov_deg)
-    depth, fitted_deg = depth_of_points(given)
-    np.testing.assert_allclose(depth, given[..., 2] + SHIFT, rtol=1e-3)
-    assert fitted_deg == pytest.approx(hfov_deg, rel=1e-3)
+    depth, view_deg = depth_of_points(given, hfov_deg=hfov_deg if known else None)
+    np.testing.assert_allclose(depth, given[..., 2] + SHIFT, rtol=1e-5)
+    assert view_deg == pytest.approx(hfov_deg, rel=1e-5)
 
 
-def test_a_known_view_is_kept() -> None:
-    depth, view_deg = depth_of_points(points(80, 60, 60), hfov_deg=60)
-    assert view_deg == pytest.approx(60)
-    assert np.median(depth - points(80, 60, 60)[..., 2]) == pytest.approx(SHIFT, rel=1e-3)
-
-
-def test_points_without_depth_do_not_count() -> None:
-    given = points(80, 60, 60)
-    bad = given.copy()
-    bad[:20] = 50
-    has_depth = np.ones((60, 80), bool)
-    has_depth[:20] = False
-    assert depth_of_points(bad, has_depth)[1] == pytest.approx(60, rel=1e-3)
-
-
-def test_nothing_with_depth_is_no_error() -> None:
-    _, view_deg = depth_of_points(points(8, 6, 60), np.zeros((6, 8), bool))
-    assert np.isfinite(view_deg)
+@pytest.mark.parametrize("count", [2, 1, 0])
+def test_points_without_depth_do_not_count(count: int) -> None:
+    """From two on they tell the shift; of fewer, depth is theirs, with a view of its shape."""
+    given = points(64, 64, 60)
+    bad, has_depth = np.full_like(given, 50), np.zeros((64, 64), bool)
+    has_depth[:count, 3] = True
+    bad[has_depth] = given[has_depth]
+    depth, view_deg = depth_of_points(bad, has_depth)
+    shift, expected_deg = (SHIFT, 60) if count > 1 else (0, math.degrees(2 * math.atan(0.5**0.5)))
+    np.testing.assert_allclose(depth - bad[..., 2], shift, rtol=1e-4)
+    assert view_deg == pytest.approx(expected_deg, rel=1e-4)
 
 
 @pytest.mark.parametrize("aspect", [0.0, -1.0, math.nan, math.inf])

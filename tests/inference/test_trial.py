@@ -1,11 +1,12 @@
 """Trial runs of models."""
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 from helpers.tiny import fixed_inside, write_model
 
-from depthcli.errors import InputError, ModelError
+from depthcli.errors import DepthcliError, InputError, ModelError
 from depthcli.inference.pipeline import check_network
 from depthcli.inference.session import Session
 from depthcli.models.catalog import find_model
@@ -18,15 +19,13 @@ def session(folder: Path, height: int) -> Session:
     return Session(find_model(write_model(folder / "model", fixed_inside(height))), provider="cpu")
 
 
-def test_a_network_that_works_may_fail_on_an_input(tmp_path: Path) -> None:
-    check_network(ERROR, session(tmp_path, 12))
-
-
-def test_the_first_error_is_that_of_a_network_that_never_works(tmp_path: Path) -> None:
-    with pytest.raises(ModelError) as caught:
-        check_network(ERROR, session(tmp_path, 13))
-    assert caught.value is ERROR
-
-
-def test_errors_of_the_input_need_no_trial(tmp_path: Path) -> None:
-    check_network(InputError("a.png is empty"), session(tmp_path, 13))
+@pytest.mark.parametrize(
+    ("error", "height", "is_raised"),
+    [(ERROR, 12, False), (ERROR, 13, True), (InputError("a.png is empty"), 13, False)],
+)
+def test_only_an_error_of_a_network_that_never_works_is_raised_again(
+    tmp_path: Path, error: DepthcliError, height: int, is_raised: bool
+) -> None:
+    with pytest.raises(ModelError) if is_raised else nullcontext() as caught:
+        check_network(error, session(tmp_path, height))
+    assert not is_raised or caught.value is error
