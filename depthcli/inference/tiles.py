@@ -211,8 +211,7 @@ def _view(panorama: AnyArray, turn: Float64Array, side: int) -> AnyArray:
     row = (np.arctan2(y, np.hypot(x, z)) / math.pi + 0.5) * height - 0.5
     wrapped = cv2.copyMakeBorder(panorama, 0, 0, 1, 1, cv2.BORDER_WRAP)
     maps = (column + 1).astype(np.float32), row.astype(np.float32)
-    view = cv2.remap(wrapped, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(view)
+    return np.asarray(cv2.remap(wrapped, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _samples(
