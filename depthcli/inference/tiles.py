@@ -185,7 +185,7 @@ def panorama_distance(frame: Frame, predict: Callable[[Frame], Float32Array]) ->
         for offset, (log, share) in zip(offsets, _samples(rays, turns, logs), strict=True):
             total += (log + np.float32(offset)) * share
             weight += share
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(invalid="ignore"):
             distance[rows] = np.exp(total / weight)
     return distance
 

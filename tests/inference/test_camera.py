@@ -103,22 +103,20 @@ def test_other_shapes_are_taken_for_crops_of_the_learned_camera_s_images(
     assert source.focal_px == pytest.approx(20 / math.tan(math.radians(30)))
 
 
-def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(tmp_path: Path) -> None:
-    pipeline, frame = model(tmp_path), black(40, 30, focal_35mm=50.0)
-    sources = [
-        pipeline.predict(frame, Intrinsics(focal_px=40)).depth.provenance,
-        pipeline.predict(frame, Intrinsics(hfov_deg=90)).depth.provenance,
-        pipeline.predict(frame).depth.provenance,
-        pipeline.predict(black(40, 30)).depth.provenance,
-    ]
-    found = [(source.camera_source, source.focal_px) for source in sources if source]
-    exif_px = 50 * 50 / math.hypot(36, 24)  # the image's diagonal is 50 pixels
-    assert found == [
-        (CameraSource.OPTION, 40),
-        (CameraSource.OPTION, pytest.approx(20)),
-        (CameraSource.EXIF, pytest.approx(exif_px)),
-        (CameraSource.CARD, pytest.approx(20 / math.tan(math.radians(30)))),
-    ]
+@pytest.mark.parametrize(
+    ("given", "exif_mm", "source", "focal_px"),
+    [
+        (Intrinsics(focal_px=40), 50.0, CameraSource.OPTION, 40),
+        (Intrinsics(hfov_deg=90), 50.0, CameraSource.OPTION, 20),
+        (UNKNOWN_CAMERA, 50.0, CameraSource.EXIF, 50 * 50 / math.hypot(36, 24)),  # of 50 pixels
+        (UNKNOWN_CAMERA, None, CameraSource.CARD, 20 / math.tan(math.radians(30))),
+    ],
+)
+def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(
+    tmp_path: Path, given: Intrinsics, exif_mm: float, source: CameraSource, focal_px: float
+) -> None:
+    found = model(tmp_path).predict(black(40, 30, focal_35mm=exif_mm), given).depth.provenance
+    assert (found.camera_source, found.focal_px) == (source, pytest.approx(focal_px))
 
 
 @pytest.mark.parametrize(
@@ -200,50 +198,41 @@ def test_a_padded_image_is_scaled_as_the_axis_that_it_fills(
     assert values[0, 0] == pytest.approx(80 * columns_a_pixel / 16)
 
 
-def camera_onnx(row: int, column: int) -> bytes:
-    """A network of an image and a camera matrix, whose depth is one number of the matrix."""
-    text = """
-        <ir_version: 8, opset_import: ["": 17]>
-        camera (float[n,1,h,w] image, float[n,3,3] intrinsics) => (float[n,1,h,w] depth)
-        <int64[1] row = {ROW}, int64[1] column = {COLUMN}, int64[4] shape = {-1, 1, 1, 1}> {
-            numbers = Gather<axis = 1>(intrinsics, row)
-            number = Gather<axis = 2>(numbers, column)
-            one = Reshape(number, shape)
-            nothing = Sub(image, image)
-            depth = Add(nothing, one)
-        }"""
-    text = text.replace("ROW", str(row)).replace("COLUMN", str(column))
-    return onnx.parser.parse_model(text).SerializeToString()
-
-
 @pytest.mark.parametrize(
-    ("row", "column", "size", "centre_px", "expected"),  # of pixels of 3:2, in 16x12 square ones
+    ("size", "centre_px", "focal_px", "expected_px"),  # of pixels of 3:2, in 16x12 square ones
     [
-        (0, 0, (40, 20), None, 50 * 0.4),  # 16x5, with 3 rows above
-        (1, 1, (40, 20), None, 50 * 1.5 * 0.25),
-        (1, 2, (40, 20), None, 3 + 10 * 0.25 - 0.5),
-        (1, 2, (40, 20), (15.5, 12.0), 3 + 12.5 * 0.25 - 0.5),
-        (0, 2, (20, 40), None, 3 + 10 * 0.45 - 0.5),  # 9x12, with 3 columns to the left
-        (0, 2, (20, 40), (15.5, 12.0), 3 + 16 * 0.45 - 0.5),
-        (2, 2, (20, 40), None, 1),
+        ((40, 20), None, (50 * 0.4, 75 * 0.25), (7.5, 3 + 2.5 - 0.5)),  # 16x5, 3 rows above it
+        ((40, 20), (15.5, 12), (50 * 0.4, 75 * 0.25), (16 * 0.4 - 0.5, 3 + 12.5 * 0.25 - 0.5)),
+        ((20, 40), None, (50 * 0.45, 75 * 0.3), (3 + 4.5 - 0.5, 5.5)),  # 9x12, 3 columns before it
+        ((20, 40), (15.5, 12), (50 * 0.45, 75 * 0.3), (3 + 16 * 0.45 - 0.5, 12.5 * 0.3 - 0.5)),
     ],
 )
 def test_a_network_gets_the_camera_matrix_in_its_own_pixels(
     tmp_path: Path,
-    row: int,
-    column: int,
     size: tuple[int, int],
     centre_px: tuple[float, float] | None,
-    expected: float,
+    focal_px: tuple[float, float],
+    expected_px: tuple[float, float],
 ) -> None:
+    """One whose depth is a sum of the matrix's numbers, each with a weight of its own."""
+    network = """
+        <ir_version: 8, opset_import: ["": 17]>
+        camera (float[n,1,h,w] image, float[n,3,3] intrinsics) => (float[n,1,h,w] depth)
+        <float[3,3] weights = {0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9}> {
+            weighted = Mul(intrinsics, weights)
+            total = ReduceSum(weighted)
+            nothing = Sub(image, image)
+            depth = Add(nothing, total)
+        }"""
     spec = {"input__camera_matrix": "intrinsics", "input__fit": "keep-aspect"}
-    spec["input__dynamic"] = False
-    depth = {"output__scale": 1, "output__shift": 0, "output__min_m": 0.01, "output__max_m": 99.0}
-    folder = write_model(tmp_path, camera_onnx(row, column), camera=None, **spec, **depth)
-    pipeline = load(folder)
+    spec |= {"output__scale": 1, "output__shift": 0, "output__max_m": 99.0, "input__dynamic": False}
+    data = onnx.parser.parse_model(network).SerializeToString()
+    pipeline = load(write_model(tmp_path, data, camera=None, **spec))
     try_session(pipeline.session)
     lens = Intrinsics(focal_px=50, centre_px=centre_px, pixel_aspect=1.5)
     values = pipeline.predict(black(*size), lens).depth.values
+    (fx, fy), (x, y) = focal_px, expected_px
+    expected = 0.1 * fx + 0.3 * x + 0.5 * fy + 0.6 * y + 0.9
     np.testing.assert_allclose(values, expected, rtol=1e-5)
     with pytest.raises(InputError, match="needs the focal length"):
         pipeline.predict(black(40, 30))

@@ -1,7 +1,6 @@
 """The pipeline, and what networks tell besides depth: masks, scales, points."""
 
 import math
-from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -74,28 +73,16 @@ def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
         Pipeline(session).predict(replace(gray(0), path=Path("a.png")))
 
 
-def predicted(
-    pipeline: Pipeline,
-    frames: Sequence[Frame],
-    cameras: Sequence[Intrinsics] = (),
-    anchors: Sequence[KnownDepth | None] = (),
-) -> list[DepthMap]:
-    cameras, anchors = cameras or [UNKNOWN_CAMERA] * len(frames), anchors or [None] * len(frames)
-    found = pipeline.predict_many(frames, cameras, anchors)
-    assert all(isinstance(one, Prediction) for one in found)
-    return [one.depth for one in found if isinstance(one, Prediction)]
-
-
 def test_each_image_has_its_own_camera_and_anchors(kinect: Pipeline) -> None:
     frames = [Frame(np.full((24, 32), value, np.uint8)) for value in (90, 120, 150)]
     cameras = (Intrinsics(40.0), UNKNOWN_CAMERA, Intrinsics(hfov_deg=50.0))
     anchors = (None, KnownDepth.of([Anchor(3, 4, 2.5)]), None)
-    together = predicted(kinect, frames, cameras, anchors)
-    for depth, *one in zip(together, frames, cameras, anchors, strict=True):
+    together = kinect.predict_many(frames, cameras, anchors)
+    for found, *one in zip(together, frames, cameras, anchors, strict=True):
         alone = kinect.predict(*one).depth
-        np.testing.assert_array_equal(depth.values, alone.values)
-        assert depth.provenance == alone.provenance
-    assert together[1].values[4, 3] == 2.5
+        np.testing.assert_array_equal(found.depth.values, alone.values)
+        assert found.depth.provenance == alone.provenance
+    assert together[1].depth.values[4, 3] == 2.5
 
 
 def test_an_image_that_fails_does_not_stop_the_others_of_its_batch(kinect: Pipeline) -> None:
@@ -114,8 +101,17 @@ def test_a_network_that_takes_one_image_gets_one_at_a_time(
     graph.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
     one = load(write_model(tmp_path, graph.SerializeToString()))
     assert (one.session.takes_one, kinect.session.takes_one) == (True, False)
-    maps = predicted(one, [gray(0), gray(255)])
-    assert [float(depth.values[9, 9]) for depth in maps] == pytest.approx([1, 9])
+    found = one.predict_many([gray(0), gray(255)], [UNKNOWN_CAMERA] * 2, [None] * 2)
+    assert [each.depth.values[9, 9] for each in found] == pytest.approx([1, 9])
+
+
+def test_the_error_of_depth_is_what_another_model_gives(kinect: Pipeline) -> None:
+    surely = Pipeline(kinect.session, UpsamplingOptions(error=True))
+    with pytest.raises(InputError, match="error of depth of model 'tiny' is not known; leave"):
+        surely.predict(gray(51))
+    kinect.session.load_error = lambda: kinect.session
+    np.testing.assert_allclose(surely.predict(gray(51)).depth.error, np.full((30, 40), 2.6))
+    assert kinect.predict(gray(51)).depth.error is None
 
 
 @pytest.mark.parametrize(
@@ -165,6 +161,10 @@ def test_known_depth_is_an_input_of_a_model_that_takes_it(
     assert reliefs[0] == pytest.approx(0, abs=1e-4)
     assert reliefs[1] == pytest.approx(0, abs=1e-4)
     assert reliefs[2] > 0.2
+    tiled = Pipeline(prompted.session, UpsamplingOptions(tile_px=20)).predict(gray(0)).depth
+    np.testing.assert_allclose(tiled.values, 1, rtol=1e-4)
+    with pytest.raises(InputError, match="outside"):
+        prompted.predict(gray(0), anchors=replace(points, x=points.x + 900))
 
 
 def test_from_two_points_on_another_network_takes_them(

@@ -34,11 +34,11 @@ def starting(monkeypatch: pytest.MonkeyPatch, broken: str) -> list[dict[str, dic
     """
     wanted: list[dict[str, dict[str, str]]] = []
 
-    def start(data: bytes, options: Any, stated: list[Any], **others: Any) -> Any:
+    def start(data: bytes, options: Any, stated: list[Any], *, enable_fallback: int) -> Any:
         wanted.append(dict(stated))
         if session.PROVIDERS[broken] in wanted[-1]:
             raise RuntimeError("no such device\nsecond line")
-        return REAL(data, options, ["CPUExecutionProvider"], **others)
+        return REAL(data, options, ["CPUExecutionProvider"], enable_fallback=enable_fallback)
 
     monkeypatch.setattr(session.ort, "InferenceSession", start)
     return wanted

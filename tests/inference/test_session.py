@@ -31,8 +31,11 @@ def test_a_size_that_does_not_fit_is_an_error(tmp_path: Path) -> None:
 def test_stopped_session_runs_no_more(model_folder: Path) -> None:
     first, known = (Session(find_model(model_folder)) for _ in range(2))
     first.load_known_depth = lambda: known
+    ended: list[Session] = []
+    first.on_stop = lambda: ended.append(first)
     assert first.known_depth is known
     first.stop()
+    assert ended == [first]
     for stopped in (first, known):
         with pytest.raises(ModelError):
             stopped.run(np.zeros((1, 1, 4, 4), np.float32))

@@ -45,10 +45,14 @@ def gaussian(size: int) -> np.ndarray:
     return np.stack([kernel / kernel.sum() @ cells[i : i + 9] for i in range(size)])
 
 
-def test_tiles_are_fitted_and_blended_as_loops_over_their_cells_have_it() -> None:
+@pytest.mark.parametrize(("dtype", "most", "white"), [("u1", 255, 255), ("f4", 1.2, 1)])
+def test_tiles_are_fitted_and_blended_as_loops_over_their_cells_have_it(
+    dtype: str, most: float, white: int
+) -> None:
     """Of 10 × 7 cells, at a quarter of an overlap; a tile that contradicts the whole is flat."""
     random = np.random.default_rng(0)
-    frame, overall = Frame(random.random((61, 91), np.float32)), random.random((7, 10), np.float32)
+    frame = Frame((random.random((61, 91)) * most).astype(dtype))
+    overall = random.random((7, 10), np.float32)
     whole = resize_bilinear(overall, 26, 18)
     total, weight, parts = np.zeros((18, 26)), np.zeros((18, 26)), []
     maps = [random.random((7, 10), np.float32) for _ in range(12)]
@@ -56,7 +60,7 @@ def test_tiles_are_fitted_and_blended_as_loops_over_their_cells_have_it() -> Non
     for tile, (top, left) in zip(maps, product((0, 4, 7, 11), (0, 8, 16)), strict=True):
         edges = [round(row * 61 / 18) for row in (top, top + 7)]
         edges += [round(column * 91 / 26) for column in (left, left + 10)]
-        parts.append(frame.pixels[slice(*edges[:2]), slice(*edges[2:])])
+        parts.append(frame.pixels[slice(*edges[:2]), slice(*edges[2:])].clip(0, white))
         coarse = whole[top : top + 7, left : left + 10].astype(float)
         x, y = (resize_area(each - each.mean(), 4, 3) for each in (tile.astype(float), coarse))
         prior = 0.01 * tile.var()
