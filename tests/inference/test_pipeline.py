@@ -171,6 +171,8 @@ def test_from_two_points_on_another_network_takes_them(
     prompted: Pipeline, kinect: Pipeline
 ) -> None:
     kinect.session.load_known_depth = lambda: prompted.session
+    alone, both = (kinect.session.identity(knows_depth=knows) for knows in (False, True))
+    assert both == (*alone[:-1], prompted.session.identity(knows_depth=False)) != alone
     many = KnownDepth(np.arange(0, 50, 8), np.arange(0, 42, 6), np.full(7, 2.0))
     two, one = (replace(many, x=many.x[:n], y=many.y[:n], depth_m=many.depth_m[:n]) for n in (2, 1))
     known = [None, one, two, many, replace(many, fit=DepthFit.LOCAL)]

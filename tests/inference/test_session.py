@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +12,24 @@ import onnx.parser
 import pytest
 from helpers.tiny import card_with, tiny_onnx, write_model
 
+from depthcli.core.parallel import usable_cores
 from depthcli.errors import ModelError
 from depthcli.inference.session import Session
 from depthcli.models.card import ModelCard
 from depthcli.models.catalog import find_model
 
+CORES = usable_cores()
 
-@pytest.mark.parametrize("threads", [0, -1])
-def test_no_threads_are_those_of_onnxruntime(model_folder: Path, threads: int) -> None:
-    assert Session(find_model(model_folder), threads=threads).provider == "cpu"
+
+@pytest.mark.parametrize("threads", [None, 0, -1, CORES, CORES + 1])
+def test_threads_spin_if_their_number_is_given_and_there_are_cores(
+    model_folder: Path, threads: int | None
+) -> None:
+    loaded = Session(find_model(model_folder), threads=threads)
+    assert loaded.provider == "cpu"
+    with pytest.raises(RuntimeError) if threads in {0, -1, CORES} else nullcontext():  # not set
+        options = loaded._session.get_session_options()
+        assert options.get_session_config_entry("session.intra_op.allow_spinning") == "0"
 
 
 def test_a_size_that_does_not_fit_is_an_error(tmp_path: Path) -> None:
@@ -39,12 +49,6 @@ def test_stopped_session_runs_no_more(model_folder: Path) -> None:
     for stopped in (first, known):
         with pytest.raises(ModelError):
             stopped.run(np.zeros((1, 1, 4, 4), np.float32))
-
-
-def test_channels_other_than_the_card_s_are_an_error(tmp_path: Path) -> None:
-    model = find_model(write_model(tmp_path, tiny_onnx(channels=3)))
-    with pytest.raises(ModelError):
-        Session(model)
 
 
 def test_an_ir_newer_than_onnxruntime_is_an_error(tmp_path: Path) -> None:
