@@ -10,6 +10,7 @@ import numpy as np
 import onnx
 import pytest
 from helpers.tiny import (
+    fixed_inside,
     known_depth_onnx,
     load,
     prompted_onnx,
@@ -23,11 +24,12 @@ from depthcli.core import imageops
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, CameraSource, Intrinsics
 from depthcli.core.options import DepthFit, DepthMask, UpsamplingOptions
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.errors import InputError, ModelError, UsageError
+from depthcli.errors import DepthcliError, InputError, ModelError, UsageError
 from depthcli.inference.pipeline import (
     Pipeline,
     Prediction,
     _range_warnings,
+    check_network,
     depth_for_trial,
     try_session,
 )
@@ -71,6 +73,23 @@ def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
         try_session(session)
     with pytest.raises(ModelError, match=r"no depth for a\.png"):
         Pipeline(session).predict(replace(gray(0), path=Path("a.png")))
+
+
+NO_DEPTH = ModelError("no depth of a.png")
+
+
+@pytest.mark.parametrize(
+    ("error", "height", "is_raised"),
+    [(NO_DEPTH, 12, False), (NO_DEPTH, 13, True), (InputError("a.png is empty"), 13, False)],
+)
+def test_only_an_error_of_a_network_that_never_works_is_raised_again(
+    tmp_path: Path, error: DepthcliError, height: int, is_raised: bool
+) -> None:
+    """Of one that runs on inputs of one height only; its card states 12."""
+    session = Session(find_model(write_model(tmp_path, fixed_inside(height))), provider="cpu")
+    with pytest.raises(ModelError) if is_raised else nullcontext() as caught:
+        check_network(error, session)
+    assert not is_raised or caught.value is error
 
 
 def test_each_image_has_its_own_camera_and_anchors(kinect: Pipeline) -> None:

@@ -54,7 +54,7 @@ def test_tiles_are_fitted_and_blended_as_loops_over_their_cells_have_it(
     whole = resize_bilinear(overall, 26, 18)
     total, weight, parts = np.zeros((18, 26)), np.zeros((18, 26)), []
     maps = [random.random((7, 10), np.float32) for _ in range(12)]
-    maps[5], maps[6], maps[7] = maps[5] * np.nan, np.ones_like(overall), -whole[4:11, 16:26]
+    maps[5], maps[6], maps[7] = maps[5] * np.nan, np.ones_like(overall), -whole[7:14, 8:18]
     for tile, (top, left) in zip(maps, product((0, 4, 7, 11), (0, 8, 16)), strict=True):
         edges = [round(row * 61 / 18) for row in (top, top + 7)]
         edges += [round(column * 91 / 26) for column in (left, left + 10)]
@@ -175,8 +175,6 @@ def test_memory_stays_within_what_was_counted(tiny: Session, upsampling: Upsampl
 
 EQUIRECTANGULAR = Projection.EQUIRECTANGULAR
 XMP = b'<x:xmpmeta><rdf:Description GPano:ProjectionType="equirectangular"/></x:xmpmeta>'
-
-
 VIEWS_DEG = [
     *((yaw, 0) for yaw in range(0, 360, 45)),
     *((yaw + 22.5, pitch) for pitch in (45, -45) for yaw in range(0, 360, 45)),
@@ -252,35 +250,41 @@ def test_views_are_blended_in_log_with_weights_that_end_at_a_circle() -> None:
 @pytest.mark.parametrize(("width", "side"), [(16, 8), (302, 61), (5100, 1024)])
 def test_views_have_the_pixels_of_the_panorama_within_bounds(width: int, side: int) -> None:
     def refuse(view: Frame) -> np.ndarray:
-        raise InputError(str(view.pixels.shape))
+        raise InputError(f"a view of {view.width} pixels")
 
-    with pytest.raises(InputError, match=str((side, side))):
+    with pytest.raises(InputError, match=f"a view of {side} pixels"):
         panorama_distance(Frame(np.zeros((width // 2, width), np.uint8)), refuse)
 
 
-def test_a_panorama_has_metres_and_no_more_of_what_images_have(tmp_path: Path) -> None:
-    pipeline = load(write_model(tmp_path / "m", camera={"hfov_deg": 60.0}))
-    part, whole = (
-        Frame(np.full((32, width), 90, np.uint8), projection=EQUIRECTANGULAR) for width in (67, 66)
-    )
-    depth = pipeline.predict(whole).depth
-    sha256, size_px = pipeline.session.model.sha256, (16, 12)
-    assert depth.provenance == Provenance(
-        "tiny", sha256, size_px, None, 1, projection=EQUIRECTANGULAR
-    )
+def gray(width: int) -> Frame:
+    return Frame(np.full((32, width), 90, np.uint8), projection=EQUIRECTANGULAR)
+
+
+def test_metres_of_a_panorama_are_those_of_the_camera_of_its_views(tmp_path: Path) -> None:
+    pipeline = load(write_model(tmp_path, camera={"hfov_deg": 60.0}))
+    depth, sha256 = pipeline.predict(gray(66)).depth, pipeline.session.model.sha256
+    source = Provenance("tiny", sha256, (16, 12), None, 1, projection=EQUIRECTANGULAR)
+    assert depth.provenance == source
     factor = math.sqrt(16 * 12) / 2 / HALF / (8 / math.tan(math.radians(30)))
     assert depth.values[15, 33] == pytest.approx((1 + 8 * 90 / 255) * factor, rel=6e-3)
-    known = Intrinsics(hfov_deg=60.0), Intrinsics(centre_px=(33, 16))
-    for frame, camera in ((part, Intrinsics()), *((whole, camera) for camera in known)):
-        with pytest.raises(InputError):
-            pipeline.predict(frame, camera)
+
+
+def test_what_a_panorama_does_not_have_is_refused(tmp_path: Path) -> None:
+    pipeline = load(write_model(tmp_path / "m", camera={"hfov_deg": 60.0}))
     pipeline.session.load_error = lambda: pipeline.session
-    with pytest.raises(InputError, match="error of depth of a panorama is not known; leave"):
-        Pipeline(pipeline.session, UpsamplingOptions(error=True)).predict(whole)
-    with pytest.raises(InputError, match="no metres"):
-        load(write_model(tmp_path / "n", camera=None)).predict(whole)
+    uncertain = Pipeline(pipeline.session, UpsamplingOptions(error=True))
+    unscaled = load(write_model(tmp_path / "n", camera=None))
+    for refusing, frame, camera, problem in (
+        (pipeline, gray(67), Intrinsics(), "all directions is twice as wide as high, not 67×32"),
+        (pipeline, gray(66), Intrinsics(hfov_deg=60.0), "no focal length"),
+        (pipeline, gray(66), Intrinsics(centre_px=(33, 16)), "no principal point"),
+        (uncertain, gray(66), Intrinsics(), "error of depth of a panorama is not known; leave"),
+        (unscaled, gray(66), Intrinsics(), "no metres of a known camera"),
+    ):
+        with pytest.raises(InputError, match=problem):
+            refusing.predict(frame, camera)
     with pytest.raises(InputError, match="no view"):
-        panorama_distance(whole, lambda view: np.full_like(view.pixels, np.nan, np.float32))
+        panorama_distance(gray(66), lambda view: np.full((view.width,) * 2, np.nan, np.float32))
 
 
 def test_point_cloud_of_a_panorama_is_along_its_rays(tmp_path: Path) -> None:
