@@ -243,16 +243,17 @@ class Pipeline:
         if transforms.metric_camera(self.card) is None:
             problem = f"model {self.card.name!r} gives no metres of a known camera for a panorama"
             raise InputError(problem, "give another {model}")
-        view, size_px = Intrinsics(hfov_deg=HFOV_DEG), (0, 0)
+        if self.detail.error:
+            raise InputError("the error of depth of a panorama is not known", "leave {error} out")
+        view, sources = Intrinsics(hfov_deg=HFOV_DEG), list[types.Provenance]()
 
         def predict(view_frame: types.Frame) -> types.Float32Array:
-            nonlocal size_px
             depth = self._predict_batch([view_frame], [view], [None])[0].depth
-            size_px = depth.provenance.input_size_px or size_px
+            sources.append(depth.provenance)
             return depth.values
 
         values = panorama_distance(frame, predict)
-        source = self._provenance(frame, size_px, UNKNOWN_CAMERA)
+        source = self._provenance(frame, sources[0].input_size_px, UNKNOWN_CAMERA)
         return Prediction(types.DepthMap(values, self.card.output.kind, source), ())
 
     def _camera_matrix(
@@ -267,7 +268,7 @@ class Pipeline:
         across, down = layout.inner_width / frame.width, layout.inner_height / frame.height
         x, y = camera.centre_px or ((frame.width - 1) / 2, (frame.height - 1) / 2)
         x, y = layout.left + (x + 0.5) * across - 0.5, layout.top + (y + 0.5) * down - 0.5
-        focal_px, aspect = camera.focal_px, camera.pixel_aspect or 1
+        focal_px, aspect = camera.focal_px, frame.pixel_aspect
         rows = (focal_px * across, 0, x), (0, focal_px * aspect * down, y), (0, 0, 1)
         return np.array(rows, np.float32)
 
@@ -294,7 +295,7 @@ class Pipeline:
         return [outputs[i] for i in range(len(inputs))]
 
     def _provenance(
-        self, frame: types.Frame, input_size_px: tuple[int, int], camera: Intrinsics
+        self, frame: types.Frame, input_size_px: tuple[int, int] | None, camera: Intrinsics
     ) -> types.Provenance:
         return types.Provenance(
             model=self.card.name,

@@ -190,7 +190,7 @@ def panorama_distance(
         for offset, (log, share) in zip(offsets, _samples(rays, turns, logs), strict=True):
             total += (log + np.float32(offset)) * share
             weight += share
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(invalid="ignore"):
             distance[rows] = np.exp(total / weight)
     return distance
 
@@ -216,8 +216,7 @@ def _view(panorama: types.AnyArray, turn: types.Float64Array, side: int) -> type
     row = (np.arctan2(y, np.hypot(x, z)) / math.pi + 0.5) * height - 0.5
     wrapped = cv2.copyMakeBorder(panorama, 0, 0, 1, 1, cv2.BORDER_WRAP)
     maps = (column + 1).astype(np.float32), row.astype(np.float32)
-    view = cv2.remap(wrapped, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(view)
+    return np.asarray(cv2.remap(wrapped, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _samples(

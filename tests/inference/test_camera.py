@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
+import onnx.parser
 import pytest
 from helpers.tiny import load, point_cloud, write_model
 
@@ -67,9 +67,10 @@ def test_squeezed_images_have_the_metres_and_the_points_of_square_ones(
     given, exif = camera.copy(), camera.get("exif")
     given.pop("exif", None)
     square = pipeline.predict(black(width, height, focal_35mm=exif), Intrinsics(**given)).depth
-    if "focal_px" in given:
-        given["focal_px"] /= aspect
-    squeezed = black(round(width / aspect), height, focal_35mm=exif, pixel_aspect=aspect)
+    stated = {"pixel_aspect": aspect}
+    if "focal_px" in given:  # as of a calibration, which knows of the pixels, too
+        given, stated = stated | {"focal_px": given["focal_px"] / aspect}, {}
+    squeezed = black(round(width / aspect), height, focal_35mm=exif, **stated)
     depth = pipeline.predict(squeezed, Intrinsics(**given)).depth
     assert depth.provenance.input_size_px == square.provenance.input_size_px
     assert depth.provenance.pixel_aspect == aspect
@@ -82,45 +83,40 @@ def test_squeezed_images_have_the_metres_and_the_points_of_square_ones(
         np.testing.assert_allclose(cloud.max(0)[:2], expected, rtol=1e-5)
 
 
+@pytest.mark.parametrize("size", [(40, 30), (30, 40), (30, 30), (40, 20), (20, 40), (39, 30)])
 @pytest.mark.parametrize(
-    ("size", "from_px"),
+    "changes",
     [
-        ((40, 30), 40),
-        ((30, 40), 40),
-        ((30, 30), 40),
-        ((40, 20), 40),
-        ((20, 40), 40),
-        ((39, 30), 40),
+        {},
+        {"input__width": 12, "input__height": 16},
+        {"input__height": 18, "input__pixel_aspect": 1.5},
     ],
 )
-@pytest.mark.parametrize("upright", [False, True])
 def test_other_shapes_are_taken_for_crops_of_the_learned_camera_s_images(
-    tmp_path: Path, size: tuple[int, int], from_px: int, upright: bool
+    tmp_path: Path, size: tuple[int, int], changes: dict[str, float]
 ) -> None:
     """The learned frame is 60 degrees over its longer side, whichever that is."""
-    hfov_deg = math.degrees(2 * math.atan(0.75 * math.tan(math.radians(30)))) if upright else 60
-    turned = {"input__width": 12, "input__height": 16} if upright else {}
-    pipeline = model(tmp_path, camera={"hfov_deg": hfov_deg}, **turned)
+    across = math.tan(math.radians(30)) * changes.get("input__width", 16) / 16
+    camera = {"hfov_deg": math.degrees(2 * math.atan(across))}
+    pipeline = model(tmp_path, camera=camera, **changes)
     source = pipeline.predict(black(*size)).depth.provenance
-    assert source.focal_px == pytest.approx(from_px / 2 / math.tan(math.radians(30)))
+    assert source.focal_px == pytest.approx(20 / math.tan(math.radians(30)))
 
 
-def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(tmp_path: Path) -> None:
-    pipeline, frame = model(tmp_path), black(40, 30, focal_35mm=50.0)
-    sources = [
-        pipeline.predict(frame, Intrinsics(focal_px=40)).depth.provenance,
-        pipeline.predict(frame, Intrinsics(hfov_deg=90)).depth.provenance,
-        pipeline.predict(frame).depth.provenance,
-        pipeline.predict(black(40, 30)).depth.provenance,
-    ]
-    found = [(source.camera_source, source.focal_px) for source in sources if source]
-    exif_px = 50 * 50 / math.hypot(36, 24)  # the image's diagonal is 50 pixels
-    assert found == [
-        (CameraSource.OPTION, 40),
-        (CameraSource.OPTION, pytest.approx(20)),
-        (CameraSource.EXIF, pytest.approx(exif_px)),
-        (CameraSource.CARD, pytest.approx(20 / math.tan(math.radians(30)))),
-    ]
+@pytest.mark.parametrize(
+    ("given", "exif_mm", "source", "focal_px"),
+    [
+        (Intrinsics(focal_px=40), 50.0, CameraSource.OPTION, 40),
+        (Intrinsics(hfov_deg=90), 50.0, CameraSource.OPTION, 20),
+        (UNKNOWN_CAMERA, 50.0, CameraSource.EXIF, 50 * 50 / math.hypot(36, 24)),  # of 50 pixels
+        (UNKNOWN_CAMERA, None, CameraSource.CARD, 20 / math.tan(math.radians(30))),
+    ],
+)
+def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(
+    tmp_path: Path, given: Intrinsics, exif_mm: float, source: CameraSource, focal_px: float
+) -> None:
+    found = model(tmp_path).predict(black(40, 30, focal_35mm=exif_mm), given).depth.provenance
+    assert (found.camera_source, found.focal_px) == (source, pytest.approx(focal_px))
 
 
 @pytest.mark.parametrize(
@@ -128,18 +124,19 @@ def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(tmp_path: 
 )
 def test_map_without_metres_of_a_camera_stays(tmp_path: Path, changes: dict[str, Any]) -> None:
     pipeline = model(tmp_path, **changes)
-    plain = pipeline.predict(black(40, 30)).depth
-    stated = pipeline.predict(black(40, 30, focal_35mm=20.0)).depth
+    plain = pipeline.predict(black(40, 30, timestamp_s=2.5)).depth
+    stated = pipeline.predict(black(40, 30, focal_35mm=20.0, timestamp_s=2.5)).depth
     np.testing.assert_array_equal(stated.values, plain.values)
-    assert plain.provenance == Provenance("tiny", pipeline.session.model.sha256, (16, 12), None, 1)
+    sha256 = pipeline.session.model.sha256
+    assert plain.provenance == Provenance("tiny", sha256, (16, 12), None, 1, time_s=2.5)
     focal_px = 20 * math.hypot(40, 30) / math.hypot(36, 24)
     assert stated.provenance == replace(
         plain.provenance, focal_px=pytest.approx(focal_px), camera_source=CameraSource.EXIF
     )
-    given = pipeline.predict(black(40, 30), Intrinsics(focal_px=50)).depth
+    given = pipeline.predict(black(40, 30), Intrinsics(focal_px=50, centre_px=(9, 8))).depth
     np.testing.assert_array_equal(given.values, plain.values)
-    assert given.provenance == replace(
-        plain.provenance, focal_px=50, camera_source=CameraSource.OPTION
+    assert given.provenance == Provenance(
+        "tiny", sha256, (16, 12), 50, 1, camera_source=CameraSource.OPTION, centre_px=(9, 8)
     )
     for lens, count in (
         (UNKNOWN_CAMERA, 0),
@@ -157,10 +154,10 @@ def test_map_without_metres_of_a_camera_stays(tmp_path: Path, changes: dict[str,
         ((40, 30), {"focal_mm": 36.0}, {"hfov_deg": 50}, ""),
         ((40, 30), {"focal_mm": 36.0, "focal_35mm": 50.0}, {}, ""),
         ((40, 30), {}, {}, ""),
-        ((200, 40), {"focal_35mm": 26.0}, {}, "panorama"),
-        ((40, 200), {"focal_35mm": 26.0}, {}, "panorama"),
+        ((101, 40), {"focal_35mm": 26.0}, {}, "panorama"),
+        ((40, 101), {"focal_35mm": 26.0}, {}, "panorama"),
         ((200, 40), {"focal_35mm": 26.0}, {"hfov_deg": 50}, ""),
-        ((210, 90), {"focal_35mm": 26.0}, {}, ""),
+        ((100, 40), {"focal_35mm": 26.0}, {}, ""),
     ],
 )
 def test_a_focal_length_that_may_not_be_that_of_the_image_is_told(
@@ -189,40 +186,53 @@ def test_a_focal_length_is_along_the_card_s_axis(
     assert depth.values[0, 0] == pytest.approx(80 * factor / learned_px)
 
 
-def camera_onnx(row: int, column: int) -> bytes:
-    """A network of an image and a camera matrix, whose depth is one number of the matrix."""
-    image = onnx.helper.make_tensor_value_info("image", 1, ["n", 1, "h", "w"])
-    camera = onnx.helper.make_tensor_value_info("intrinsics", 1, ["n", 3, 3])
-    depth = onnx.helper.make_tensor_value_info("depth", 1, ["n", 1, "h", "w"])
-    arrays = {"zero": np.float32(0), "shape": np.array([-1, 1, 1, 1])}
-    arrays |= {"row": np.array(row), "column": np.array(column)}
-    nodes = [
-        onnx.helper.make_node("Mul", ["image", "zero"], ["nothing"]),
-        onnx.helper.make_node("Gather", ["intrinsics", "row"], ["numbers"], axis=1),
-        onnx.helper.make_node("Gather", ["numbers", "column"], ["number"], axis=1),
-        onnx.helper.make_node("Reshape", ["number", "shape"], ["one"]),
-        onnx.helper.make_node("Add", ["nothing", "one"], ["depth"]),
-    ]
-    tensors = [onnx.numpy_helper.from_array(np.asarray(a), name) for name, a in arrays.items()]
-    graph = onnx.helper.make_graph(nodes, "camera", [image, camera], [depth], tensors)
-    opset = [onnx.helper.make_opsetid("", 17)]
-    return onnx.helper.make_model(graph, opset_imports=opset, ir_version=8).SerializeToString()
+@pytest.mark.parametrize("pixel_aspect", [1.0, 4 / 3])
+@pytest.mark.parametrize("size", [(160, 40), (40, 160)])
+def test_a_padded_image_is_scaled_as_the_axis_that_it_fills(
+    tmp_path: Path, size: tuple[int, int], pixel_aspect: float
+) -> None:
+    changes = {"input__dynamic": False, "input__pixel_aspect": pixel_aspect}
+    padded = model(tmp_path, camera={"focal_px": 16.0}, input__fit="keep-aspect", **changes)
+    columns_a_pixel = min(16 / size[0], 12 / size[1] / pixel_aspect)
+    values = padded.predict(black(*size), Intrinsics(80)).depth.values
+    assert values[0, 0] == pytest.approx(80 * columns_a_pixel / 16)
 
 
 @pytest.mark.parametrize(
-    ("row", "column", "expected"),  # 40x30 pixels become 16x12
-    [(0, 0, 50 * 0.4), (1, 1, 50 * 1.5 * 0.4), (0, 2, 16 * 0.4 - 0.5), (1, 2, 20.5 * 0.4 - 0.5)],
+    ("size", "centre_px", "focal_px", "expected_px"),  # of pixels of 3:2, in 16x12 square ones
+    [
+        ((40, 20), None, (50 * 0.4, 75 * 0.25), (7.5, 3 + 2.5 - 0.5)),  # 16x5, 3 rows above it
+        ((40, 20), (15.5, 12), (50 * 0.4, 75 * 0.25), (16 * 0.4 - 0.5, 3 + 12.5 * 0.25 - 0.5)),
+        ((20, 40), None, (50 * 0.45, 75 * 0.3), (3 + 4.5 - 0.5, 5.5)),  # 9x12, 3 columns before it
+        ((20, 40), (15.5, 12), (50 * 0.45, 75 * 0.3), (3 + 16 * 0.45 - 0.5, 12.5 * 0.3 - 0.5)),
+    ],
 )
 def test_a_network_gets_the_camera_matrix_in_its_own_pixels(
-    tmp_path: Path, row: int, column: int, expected: float
+    tmp_path: Path,
+    size: tuple[int, int],
+    centre_px: tuple[float, float] | None,
+    focal_px: tuple[float, float],
+    expected_px: tuple[float, float],
 ) -> None:
-    spec = {"input__camera_matrix": "intrinsics", "input__fit": "stretch"}
-    depth = {"output__scale": 1, "output__shift": 0, "output__min_m": 0.01, "output__max_m": 99.0}
-    folder = write_model(tmp_path, camera_onnx(row, column), camera=None, **spec, **depth)
-    pipeline = load(folder)
+    """One whose depth is a sum of the matrix's numbers, each with a weight of its own."""
+    network = """
+        <ir_version: 8, opset_import: ["": 17]>
+        camera (float[n,1,h,w] image, float[n,3,3] intrinsics) => (float[n,1,h,w] depth)
+        <float[3,3] weights = {0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9}> {
+            weighted = Mul(intrinsics, weights)
+            total = ReduceSum(weighted)
+            nothing = Sub(image, image)
+            depth = Add(nothing, total)
+        }"""
+    spec = {"input__camera_matrix": "intrinsics", "input__fit": "keep-aspect"}
+    spec |= {"output__scale": 1, "output__shift": 0, "output__max_m": 99.0, "input__dynamic": False}
+    data = onnx.parser.parse_model(network).SerializeToString()
+    pipeline = load(write_model(tmp_path, data, camera=None, **spec))
     try_session(pipeline.session)
-    lens = Intrinsics(focal_px=50, centre_px=(15.5, 20.0), pixel_aspect=1.5)
-    values = pipeline.predict(black(40, 30), lens).depth.values
+    lens = Intrinsics(focal_px=50, centre_px=centre_px, pixel_aspect=1.5)
+    values = pipeline.predict(black(*size), lens).depth.values
+    (fx, fy), (x, y) = focal_px, expected_px
+    expected = 0.1 * fx + 0.3 * x + 0.5 * fy + 0.6 * y + 0.9
     np.testing.assert_allclose(values, expected, rtol=1e-5)
     with pytest.raises(InputError, match="needs the focal length"):
         pipeline.predict(black(40, 30))

@@ -13,49 +13,44 @@ from depthcli.errors import ModelError
 from depthcli.models import catalog
 
 
-@pytest.fixture
-def shelf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of models that the environment variable names."""
-    folder = tmp_path / "shelf"
-    folder.mkdir()
-    monkeypatch.setenv("DEPTHCLI_MODELS", str(folder))
-    return folder
-
-
 def test_a_name_wins_over_a_folder_of_that_name_here(
-    shelf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_model(shelf / "tiny", version="shelf")
+    write_model(own / "tiny", version="shelf")
     write_model(tmp_path / "here" / "tiny", version="here")
     monkeypatch.chdir(tmp_path / "here")
     assert catalog.find_model("tiny").card.version == "shelf"
     assert catalog.find_model("./tiny").card.version == "here"
 
 
-def test_a_card_may_be_inside_or_beside_one_onnx_file(shelf: Path) -> None:
-    path = shelf / "single.onnx"
+def test_a_card_may_be_inside_or_beside_one_onnx_file(own: Path) -> None:
+    own.mkdir()
+    path = own / "single.onnx"
     path.write_bytes(tiny_onnx(card=json.dumps(card_with({"name": "alone"}))))
     for found in (catalog.find_model(path), catalog.find_model("single")):
         assert (found.path, found.card.name) == (path, "alone")
     path.write_bytes(tiny_onnx())
-    (shelf / "single.card.json").write_text(json.dumps(card_with({"name": "beside"})))
+    (own / "single.card.json").write_text(json.dumps(card_with({"name": "beside"})))
     assert catalog.find_model(path).card.name == "beside"
 
 
-@pytest.mark.parametrize("name", ["nothing", "./nothing", "nothing.onnx", "/", ""])
-def test_unknown_model_is_an_error(shelf: Path, name: str) -> None:
-    assert shelf.is_dir()
-    with pytest.raises(ModelError):
+@pytest.mark.parametrize("name", ["nothing", "./nothing", "nothing.onnx", "/", "", "last.ckpt"])
+@pytest.mark.usefixtures("own")
+def test_unknown_model_is_an_error_and_a_checkpoint_is_told_from_one(name: str) -> None:
+    with pytest.raises(ModelError, match="export-onnx" if name == "last.ckpt" else None):
         catalog.find_model(name)
 
 
-def test_another_checksum_or_size_is_refused(model_folder: Path) -> None:
+def test_another_checksum_or_size_or_no_file_is_refused(model_folder: Path) -> None:
     path = model_folder / "model.onnx"
     data = path.read_bytes()
     for other in (data[:-1] + bytes([data[-1] ^ 1]), data[:-5]):
         path.write_bytes(other)
         with pytest.raises(ModelError):
             catalog.find_model(model_folder)
+    path.unlink()
+    with pytest.raises(ModelError):
+        catalog.find_model(model_folder)
 
 
 def _message(number: int, body: bytes) -> bytes:
@@ -129,17 +124,6 @@ def test_a_card_of_any_size_on_a_network_of_one_says_what_to_set(tmp_path: Path)
     folder = write_model(tmp_path / "fixed", tiny_onnx(size=(12, 16)), input__fit="keep-aspect")
     with pytest.raises(ModelError, match=r"input\.dynamic to false"):
         load(folder).predict(Frame(np.zeros((30, 90), np.uint8)))
-
-
-def test_a_checkpoint_is_told_from_a_model() -> None:
-    with pytest.raises(ModelError, match="export-onnx"):
-        catalog.find_model("last.ckpt")
-
-
-def test_a_card_without_its_file_is_refused(model_folder: Path) -> None:
-    (model_folder / "model.onnx").unlink()
-    with pytest.raises(ModelError):
-        catalog.find_model(model_folder)
 
 
 def test_a_pipe_or_a_device_is_not_waited_for(model_folder: Path) -> None:

@@ -1,8 +1,6 @@
 """The pipeline, and what networks tell besides depth: masks, scales, points."""
 
-import json
 import math
-from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +10,7 @@ import numpy as np
 import onnx
 import pytest
 from helpers.tiny import (
-    card_with,
+    fixed_inside,
     known_depth_onnx,
     load,
     prompted_onnx,
@@ -22,19 +20,23 @@ from helpers.tiny import (
 )
 from onnx import TensorProto, helper, numpy_helper
 
+from depthcli.core import imageops
 from depthcli.core.camera import UNKNOWN_CAMERA, Anchor, CameraScale, CameraSource, Intrinsics
 from depthcli.core.options import DepthFit, DepthMask, UpsamplingOptions
 from depthcli.core.types import DepthKind, DepthMap, Frame
-from depthcli.errors import InputError, ModelError, UsageError
+from depthcli.errors import DepthcliError, InputError, ModelError, UsageError
 from depthcli.inference.pipeline import (
     Pipeline,
     Prediction,
     _range_warnings,
+    check_network,
     depth_for_trial,
     try_session,
 )
 from depthcli.inference.point_map import depth_of_points
 from depthcli.inference.session import Session
+from depthcli.inference.transforms import follow_points
+from depthcli.known.local_correction import log_correction
 from depthcli.known.points import KnownDepth
 from depthcli.models.catalog import find_model
 
@@ -49,33 +51,17 @@ def kinect(tmp_path: Path) -> Pipeline:
     return load(write_model(tmp_path / "kinect", camera={"hfov_deg": 60.0}))
 
 
-@pytest.mark.parametrize(("shift_m", "metres"), [(-0.2, 5.0), (0.3, 5.5), (-6.0, math.nan)])
+@pytest.mark.parametrize(("shift_m", "metres"), [(-0.2, 1.8), (0.3, 2.3), (-2.0, math.nan)])
 def test_metres_are_corrected_as_measured(
     model_folder: Path, shift_m: float, metres: float
 ) -> None:
     pipeline = load(model_folder)
     scale = CameraScale("robot", "tiny", pipeline.session.model.sha256, 2.0, shift_m, None, 1, 1)
-    depth = pipeline.predict(gray(51), Intrinsics(scale=scale)).depth
+    depth = pipeline.predict(gray(0), Intrinsics(scale=scale)).depth  # of 1 m
     np.testing.assert_allclose(depth.values, metres, rtol=1e-5)
+    assert depth.provenance.camera_scale == scale
     with pytest.raises(UsageError, match="'robot' was calibrated with another model, 'tiny'"):
         pipeline.predict(gray(51), Intrinsics(scale=replace(scale, model_sha256="0" * 64)))
-
-
-@pytest.mark.parametrize("fit", ["stretch", "keep-aspect"])
-@pytest.mark.parametrize("dynamic", [True, False])
-def test_every_fit_puts_depth_where_the_image_is(tmp_path: Path, fit: str, dynamic: bool) -> None:
-    folder = write_model(tmp_path, input__fit=fit, input__dynamic=dynamic)
-    pixels = synthetic_image(60, 180)
-    depth = load(folder).predict(Frame(pixels)).depth.values
-    expected = 1 + 8 / 255 * pixels.max(axis=-1)
-    assert np.abs(depth - expected)[:, 12:-12].max() < 0.4
-
-
-def test_an_output_of_lower_stride_is_brought_to_size(tmp_path: Path) -> None:
-    folder = write_model(tmp_path, tiny_onnx(stride=2))
-    depth = load(folder).predict(gray(255)).depth
-    assert depth.values.shape == (30, 40)
-    np.testing.assert_allclose(depth.values, 9, rtol=1e-5)
 
 
 def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
@@ -83,32 +69,39 @@ def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
     nothing = np.full((1, 1, 1, 1), np.nan, np.float32)
     proto.graph.initializer[0].CopyFrom(onnx.numpy_helper.from_array(nothing, "weight"))
     session = Session(find_model(write_model(tmp_path, proto.SerializeToString())))
-    with pytest.raises(ModelError):
+    with pytest.raises(ModelError, match="no depth for an image, no finite number"):
         try_session(session)
+    with pytest.raises(ModelError, match=r"no depth for a\.png"):
+        Pipeline(session).predict(replace(gray(0), path=Path("a.png")))
 
 
-def predicted(
-    pipeline: Pipeline,
-    frames: Sequence[Frame],
-    cameras: Sequence[Intrinsics] = (),
-    anchors: Sequence[KnownDepth | None] = (),
-) -> list[DepthMap]:
-    cameras, anchors = cameras or [UNKNOWN_CAMERA] * len(frames), anchors or [None] * len(frames)
-    found = pipeline.predict_many(frames, cameras, anchors)
-    assert all(isinstance(one, Prediction) for one in found)
-    return [one.depth for one in found if isinstance(one, Prediction)]
+NO_DEPTH = ModelError("no depth of a.png")
+
+
+@pytest.mark.parametrize(
+    ("error", "height", "is_raised"),
+    [(NO_DEPTH, 12, False), (NO_DEPTH, 13, True), (InputError("a.png is empty"), 13, False)],
+)
+def test_only_an_error_of_a_network_that_never_works_is_raised_again(
+    tmp_path: Path, error: DepthcliError, height: int, is_raised: bool
+) -> None:
+    """Of one that runs on inputs of one height only; its card states 12."""
+    session = Session(find_model(write_model(tmp_path, fixed_inside(height))), provider="cpu")
+    with pytest.raises(ModelError) if is_raised else nullcontext() as caught:
+        check_network(error, session)
+    assert not is_raised or caught.value is error
 
 
 def test_each_image_has_its_own_camera_and_anchors(kinect: Pipeline) -> None:
     frames = [Frame(np.full((24, 32), value, np.uint8)) for value in (90, 120, 150)]
     cameras = (Intrinsics(40.0), UNKNOWN_CAMERA, Intrinsics(hfov_deg=50.0))
     anchors = (None, KnownDepth.of([Anchor(3, 4, 2.5)]), None)
-    together = predicted(kinect, frames, cameras, anchors)
-    for depth, *one in zip(together, frames, cameras, anchors, strict=True):
+    together = kinect.predict_many(frames, cameras, anchors)
+    for found, *one in zip(together, frames, cameras, anchors, strict=True):
         alone = kinect.predict(*one).depth
-        np.testing.assert_array_equal(depth.values, alone.values)
-        assert depth.provenance == alone.provenance
-    assert together[1].values[4, 3] == 2.5
+        np.testing.assert_array_equal(found.depth.values, alone.values)
+        assert found.depth.provenance == alone.provenance
+    assert together[1].depth.values[4, 3] == 2.5
 
 
 def test_an_image_that_fails_does_not_stop_the_others_of_its_batch(kinect: Pipeline) -> None:
@@ -120,11 +113,24 @@ def test_an_image_that_fails_does_not_stop_the_others_of_its_batch(kinect: Pipel
         kinect.predict(gray(90), anchors=outside)
 
 
-def test_a_network_that_takes_one_image_gets_one_at_a_time(tmp_path: Path) -> None:
+def test_a_network_that_takes_one_image_gets_one_at_a_time(
+    tmp_path: Path, kinect: Pipeline
+) -> None:
     graph = onnx.load_from_string(tiny_onnx())
     graph.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
-    maps = predicted(load(write_model(tmp_path, graph.SerializeToString())), [gray(0), gray(255)])
-    assert [float(depth.values[9, 9]) for depth in maps] == pytest.approx([1, 9])
+    one = load(write_model(tmp_path, graph.SerializeToString()))
+    assert (one.session.takes_one, kinect.session.takes_one) == (True, False)
+    found = one.predict_many([gray(0), gray(255)], [UNKNOWN_CAMERA] * 2, [None] * 2)
+    assert [each.depth.values[9, 9] for each in found] == pytest.approx([1, 9])
+
+
+def test_the_error_of_depth_is_what_another_model_gives(kinect: Pipeline) -> None:
+    surely = Pipeline(kinect.session, UpsamplingOptions(error=True))
+    with pytest.raises(InputError, match="error of depth of model 'tiny' is not known; leave"):
+        surely.predict(gray(51))
+    kinect.session.load_error = lambda: kinect.session
+    np.testing.assert_allclose(surely.predict(gray(51)).depth.error, np.full((30, 40), 2.6))
+    assert kinect.predict(gray(51)).depth.error is None
 
 
 @pytest.mark.parametrize(
@@ -132,7 +138,7 @@ def test_a_network_that_takes_one_image_gets_one_at_a_time(tmp_path: Path) -> No
     [
         (1.02, 4, "nearer"),
         (0.5, 4, "nearer"),
-        (17.7, 4, "farther"),
+        (17.64, 4, "farther"),
         (17.7, 3, None),
         (1.03, 4, None),
         (17.6, 4, None),
@@ -162,21 +168,30 @@ def prompted(tmp_path: Path) -> Pipeline:
     return load(write_model(tmp_path / "prompted", prompted_onnx(), input__prompt=True, **changes))
 
 
-def test_known_depth_is_an_input_of_a_model_that_takes_it(prompted: Pipeline) -> None:
+@pytest.mark.parametrize("known_m", [40.0, 0.1])
+def test_known_depth_is_an_input_of_a_model_that_takes_it(
+    prompted: Pipeline, known_m: float
+) -> None:
     """The relief of its map is then that of the points, beyond the range of the model alone."""
-    points = KnownDepth(np.arange(0, 40, 8), np.arange(0, 30, 6), np.full(5, 40.0))
+    points = KnownDepth(np.arange(0, 40, 8), np.arange(0, 30, 6), np.full(5, known_m))
     known = [None, replace(points, fit=DepthFit.LOCAL), points]
     found = prompted.predict_many([gray(0)] * 3, [UNKNOWN_CAMERA] * 3, known)
     reliefs = [np.ptp(np.log(one.depth.values)) for one in found]
     assert reliefs[0] == pytest.approx(0, abs=1e-4)
     assert reliefs[1] == pytest.approx(0, abs=1e-4)
     assert reliefs[2] > 0.2
+    tiled = Pipeline(prompted.session, UpsamplingOptions(tile_px=20)).predict(gray(0)).depth
+    np.testing.assert_allclose(tiled.values, 1, rtol=1e-4)
+    with pytest.raises(InputError, match="outside"):
+        prompted.predict(gray(0), anchors=replace(points, x=points.x + 900))
 
 
 def test_from_two_points_on_another_network_takes_them(
     prompted: Pipeline, kinect: Pipeline
 ) -> None:
     kinect.session.load_known_depth = lambda: prompted.session
+    alone, both = (kinect.session.identity(knows_depth=knows) for knows in (False, True))
+    assert both == (*alone[:-1], prompted.session.identity(knows_depth=False)) != alone
     many = KnownDepth(np.arange(0, 50, 8), np.arange(0, 42, 6), np.full(7, 2.0))
     two, one = (replace(many, x=many.x[:n], y=many.y[:n], depth_m=many.depth_m[:n]) for n in (2, 1))
     known = [None, one, two, many, replace(many, fit=DepthFit.LOCAL)]
@@ -199,6 +214,27 @@ def test_depth_of_a_network_follows_few_points_as_that_makes_it(prompted: Pipeli
         away_m.append(prompted.predict(gray(0, 48, 64), anchors=points).depth.values[30, 5])
     assert away_m[0] == pytest.approx(1, rel=0.01)
     assert away_m[1] > 1.02
+
+
+@pytest.mark.parametrize("noise", [0.05, 1e-4])
+def test_points_are_followed_up_to_some_median_deviations(prompted: Pipeline, noise: float) -> None:
+    """Up to 6.95 of them, or half a percent; those outside of the image are not counted."""
+    random, frame = np.random.default_rng(0), gray(0)
+    coarse_m = random.uniform(1, 2, (6, 8)).astype(np.float32)
+    x, y = random.integers(0, 40, 22), random.integers(0, 30, 22)
+    places = (y + 0.5) / 30, (x + 0.5) / 40
+    mapped = imageops.sample_bilinear(np.log(coarse_m), *places)
+    off = np.where(np.arange(22) % 2, noise, -noise)
+    off[-2:] = -max(6 * noise, 0.004), max(8 * noise, 0.006)
+    known_m = np.exp(mapped + 0.3 + off)
+    away = np.abs(np.log(known_m) - mapped - np.median(np.log(known_m) - mapped))
+    followed = away <= max(6.95 * np.median(away), 0.005)
+    assert [*followed] == [True] * 21 + [False]
+    field = log_correction(np.log(coarse_m), np.stack([*places, mapped]), known_m, followed, 1)
+    points = KnownDepth(np.append(x, 40), np.append(y, 5), np.append(known_m, 1.5))
+    found_m, used = follow_points(prompted.card, coarse_m, frame, points)
+    np.testing.assert_allclose(found_m, coarse_m * np.exp(field), rtol=1e-6)
+    np.testing.assert_array_equal(used, [*followed, False])
 
 
 @pytest.mark.parametrize("fit", [DepthFit.GLOBAL, DepthFit.LOCAL, DepthFit.NETWORK])
@@ -263,10 +299,8 @@ def pipeline(folder: Path, options: UpsamplingOptions = MASKED, **changes: Any) 
     graph.initializer.append(numpy_helper.from_array(np.float32([90]), "right"))
     for name in ("sky", "view"):
         graph.output.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, None))
-    (folder / "m.onnx").write_bytes(model.SerializeToString())
-    card = card_with({"file": "m.onnx", "onnx.output": "depth", **changes})
-    (folder / "card.json").write_text(json.dumps(card))
-    return Pipeline(Session(find_model(folder)), options)
+    folder = write_model(folder, model.SerializeToString(), onnx__output="depth", **changes)
+    return load(folder, detail=options)
 
 
 def bright_right() -> Frame:
@@ -274,15 +308,14 @@ def bright_right() -> Frame:
     return Frame(np.repeat(np.uint8([[0, 255]]), 16, axis=1).repeat(24, axis=0))
 
 
-def test_pixels_of_the_mask_have_no_depth(tmp_path: Path) -> None:
-    depth = pipeline(tmp_path, **{"output.mask": SKY}).predict(bright_right()).depth.values
+def test_pixels_of_the_mask_have_no_depth_if_it_is_asked_for(tmp_path: Path) -> None:
+    masking = pipeline(tmp_path, output__mask=SKY)
+    depth = masking.predict(bright_right()).depth.values
     assert np.isfinite(depth[:, :12]).all()
     assert np.isnan(depth[:, -12:]).all()
-
-
-def test_the_mask_is_used_only_if_it_is_asked_for(tmp_path: Path) -> None:
-    made = pipeline(tmp_path, UpsamplingOptions(), **{"output.mask": SKY})
-    assert np.isfinite(made.predict(bright_right()).depth.values).all()
+    transparent = replace(bright_right(), transparent=np.eye(24, 32, dtype=bool))
+    depth = Pipeline(masking.session).predict(transparent).depth.values
+    np.testing.assert_array_equal(np.isnan(depth), transparent.transparent)
 
 
 def test_a_model_without_a_mask_has_none_to_use(tmp_path: Path) -> None:
@@ -292,7 +325,7 @@ def test_a_model_without_a_mask_has_none_to_use(tmp_path: Path) -> None:
 
 def test_an_output_that_the_graph_lacks_is_named(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="'clouds'"):
-        pipeline(tmp_path, **{"output.mask": {**SKY, "output": "clouds"}})
+        pipeline(tmp_path, output__mask={**SKY, "output": "clouds"})
 
 
 @pytest.mark.parametrize(
@@ -327,31 +360,27 @@ def points(width: int, height: int, hfov_deg: float) -> np.ndarray:
 
 @pytest.mark.parametrize("size", [(80, 60), (60, 80), (200, 50)])
 @pytest.mark.parametrize("hfov_deg", [30, 60, 100])
-def test_shift_and_view_are_those_of_the_camera(size: tuple[int, int], hfov_deg: float) -> None:
+@pytest.mark.parametrize("known", [False, True])
+def test_shift_and_view_are_those_of_the_camera(
+    size: tuple[int, int], hfov_deg: float, known: bool
+) -> None:
     given = points(*size, hfov_deg)
-    depth, fitted_deg = depth_of_points(given)
-    np.testing.assert_allclose(depth, given[..., 2] + SHIFT, rtol=1e-3)
-    assert fitted_deg == pytest.approx(hfov_deg, rel=1e-3)
+    depth, view_deg = depth_of_points(given, hfov_deg=hfov_deg if known else None)
+    np.testing.assert_allclose(depth, given[..., 2] + SHIFT, rtol=1e-5)
+    assert view_deg == pytest.approx(hfov_deg, rel=1e-5)
 
 
-def test_a_known_view_is_kept() -> None:
-    depth, view_deg = depth_of_points(points(80, 60, 60), hfov_deg=60)
-    assert view_deg == pytest.approx(60)
-    assert np.median(depth - points(80, 60, 60)[..., 2]) == pytest.approx(SHIFT, rel=1e-3)
-
-
-def test_points_without_depth_do_not_count() -> None:
-    given = points(80, 60, 60)
-    bad = given.copy()
-    bad[:20] = 50
-    has_depth = np.ones((60, 80), bool)
-    has_depth[:20] = False
-    assert depth_of_points(bad, has_depth)[1] == pytest.approx(60, rel=1e-3)
-
-
-def test_nothing_with_depth_is_no_error() -> None:
-    _, view_deg = depth_of_points(points(8, 6, 60), np.zeros((6, 8), bool))
-    assert np.isfinite(view_deg)
+@pytest.mark.parametrize("count", [2, 1, 0])
+def test_points_without_depth_do_not_count(count: int) -> None:
+    """From two on they tell the shift; of fewer, depth is theirs, with a view of its shape."""
+    given = points(64, 64, 60)
+    bad, has_depth = np.full_like(given, 50), np.zeros((64, 64), bool)
+    has_depth[:count, 3] = True
+    bad[has_depth] = given[has_depth]
+    depth, view_deg = depth_of_points(bad, has_depth)
+    shift, expected_deg = (SHIFT, 60) if count > 1 else (0, math.degrees(2 * math.atan(0.5**0.5)))
+    np.testing.assert_allclose(depth - bad[..., 2], shift, rtol=1e-4)
+    assert view_deg == pytest.approx(expected_deg, rel=1e-4)
 
 
 @pytest.mark.parametrize("aspect", [0.0, -1.0, math.nan, math.inf])

@@ -1,11 +1,14 @@
 """What the network sees: colour at full precision, size, normalization."""
 
 import math
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from depthcli.core.imageops import resize_bilinear
 from depthcli.core.options import Upsampling
 from depthcli.core.types import DepthKind, Frame, Transform
 from depthcli.inference.transforms import (
@@ -15,37 +18,22 @@ from depthcli.inference.transforms import (
     coarse_depth,
     full_size,
     input_layout,
+    lacks_depth,
     prepare,
 )
 from depthcli.known.points import KnownDepth
-from depthcli.models.card import Colour, Fit, InputSpec, OutputSpec
+from depthcli.models.card import Colour, Fit, InputSpec, MaskSpec, OutputSpec
 
 
-def spec(
-    *,
-    colour: Colour = Colour.VALUE,
-    width: int = 16,
-    height: int = 12,
-    dynamic: bool = True,
-    multiple_of: int = 1,
-    fit: Fit = Fit.STRETCH,
-    mean: tuple[float, ...] = (0.0,),
-    std: tuple[float, ...] = (1.0,),
-) -> InputSpec:
-    return InputSpec(colour, width, height, dynamic, multiple_of, fit, mean, std)
+def spec(**changes: Any) -> InputSpec:
+    plain = InputSpec(Colour.VALUE, 16, 12, True, 1, Fit.STRETCH, mean=(0.0,), std=(1.0,))
+    return replace(plain, **changes)
 
 
 def output(
     kind: DepthKind = DepthKind.METRIC, transform: Transform = Transform.LINEAR
 ) -> OutputSpec:
     return OutputSpec(kind, transform, 1.0, 0.0, 0.5, 10.0)
-
-
-def test_value_keeps_sixteen_bits() -> None:
-    pixels = np.full((12, 16, 3), 0, np.uint16)
-    pixels[..., 1] = 257 * 100 + 1
-    batch, _ = prepare(spec(), Frame(pixels))
-    np.testing.assert_allclose(batch, (257 * 100 + 1) / 65535, rtol=1e-6)
 
 
 def test_channels_are_red_green_blue_each_with_its_mean_and_std() -> None:
@@ -57,11 +45,14 @@ def test_channels_are_red_green_blue_each_with_its_mean_and_std() -> None:
     np.testing.assert_allclose(batch[0, :, 0, 0], [1, 1, 0], atol=1e-6)
 
 
-def test_luma_is_one_channel_between_the_colours() -> None:
-    pixels = np.ascontiguousarray(np.broadcast_to(np.uint8([0, 255, 0]), (12, 16, 3)))
-    batch, _ = prepare(spec(colour=Colour.LUMA), Frame(pixels))
-    assert batch.shape == (1, 1, 12, 16)
-    assert 0.5 < batch[0, 0, 0, 0] < 0.8
+@pytest.mark.parametrize(
+    ("colour", "expected"), [(Colour.VALUE, 25701 / 65535), (Colour.LUMA, 0.587 * 25701 / 65535)]
+)
+def test_one_channel_keeps_sixteen_bits(colour: Colour, expected: float) -> None:
+    pixels = np.zeros((12, 16, 3), np.uint16)
+    pixels[..., 1] = 25701  # green
+    batch, _ = prepare(spec(colour=colour), Frame(pixels))
+    np.testing.assert_allclose(batch, np.full((1, 1, 12, 16), expected), rtol=1e-6)
 
 
 def finish(form: OutputSpec, raw: np.ndarray, place: Layout, width: int, height: int) -> np.ndarray:
@@ -92,15 +83,29 @@ def test_a_dynamic_size_is_a_multiple(width: int, height: int, step: int, fit: F
     assert not place.is_padded or (longer and fit is Fit.KEEP_ASPECT)
 
 
-@pytest.mark.parametrize("size", [(30000, 1), (1, 30000), (4000, 500), (1, 1_000_000)])
-def test_a_long_strip_is_padded_to_two_to_one(size: tuple[int, int]) -> None:
-    place = input_layout(spec(width=192, height=144, multiple_of=4, fit=Fit.KEEP_ASPECT), *size)
-    long, short = (0, 1) if size[0] > size[1] else (1, 0)
-    outer, inner = (place.width, place.height), (place.inner_width, place.inner_height)
-    assert (outer[long], outer[short]) == (236, 116)
-    assert (inner[long], inner[short]) == (236, max(2, 2 * round(118 * size[short] / size[long])))
-    assert abs((place.left, place.top)[short] - (116 - inner[short]) / 2) <= 1
-    assert all(length % 2 == 0 for length in place)  # an output of half the size has these edges
+@pytest.mark.parametrize(
+    ("changes", "image", "expected"),
+    [
+        ({"dynamic": False}, (40, 10), (16, 12, 0, 3, 16, 6)),
+        ({"dynamic": False}, (10, 40), (16, 12, 7, 0, 2, 12)),
+        ({"dynamic": False}, (1000, 1), (16, 12, 0, 5, 16, 1)),
+        ({"dynamic": False}, (1, 1000), (16, 12, 7, 0, 1, 12)),
+        ({}, (300, 200), (14, 14, 0, 0, 14, 14)),  # 192 pixels of 3:2 in all
+        ({}, (300, 100), (20, 10, 0, 0, 20, 10)),
+        ({"width": 48}, (450, 100), (42, 14, 0, 0, 42, 14)),
+        ({"width": 12, "height": 48}, (50, 100), (14, 42, 0, 0, 14, 42)),
+        # From here on longer than the network takes, and what half its size has begins with a pixel
+        ({}, (1000, 1), (20, 10, 0, 4, 20, 2)),
+        ({}, (1, 1000), (10, 20, 4, 0, 2, 20)),
+        ({"width": 18}, (1000, 1), (21, 10, 0, 4, 21, 1)),  # it has no half
+        ({"multiple_of": 4, "width": 192, "height": 144}, (4000, 500), (236, 116, 0, 36, 236, 44)),
+    ],
+)
+def test_a_letterbox_is_as_large_as_pixels_of_three_to_two_let_it_be(
+    changes: dict[str, Any], image: tuple[int, int], expected: tuple[int, ...]
+) -> None:
+    keeping = spec(fit=Fit.KEEP_ASPECT, pixel_aspect=1.5, **changes)
+    assert input_layout(keeping, *image) == expected
 
 
 def test_a_letterbox_repeats_the_edges() -> None:
@@ -112,14 +117,25 @@ def test_a_letterbox_repeats_the_edges() -> None:
     assert (batch[0, 0, 8:] == 0).all()
 
 
-@pytest.mark.parametrize("stride", [1, 2])
-def test_a_letterbox_is_cut_off_again(stride: int) -> None:
-    pixels = np.tile(np.linspace(0, 255, 40).astype(np.uint8), (10, 1))
-    batch, place = prepare(spec(dynamic=False, fit=Fit.KEEP_ASPECT), Frame(pixels))
-    raw = batch[0, 0].reshape(12 // stride, stride, 16 // stride, stride).mean(axis=(1, 3))
-    depth = finish(output(DepthKind.RELATIVE), raw, place, 40, 10)
-    assert depth.shape == (10, 40)
-    np.testing.assert_allclose(depth[:, 3:-3], pixels[:, 3:-3] / 255, atol=0.03)
+@pytest.mark.parametrize("shape", [(12, 16), (6, 8), (4, 5), (6, 5), (24, 32)])
+@pytest.mark.parametrize("left", [2, 3])
+def test_a_letterbox_is_cut_off_again(shape: tuple[int, int], left: int) -> None:
+    """From an output of half the size, too, whose pixels the image ends with; or enlarged."""
+    raw, layout = np.random.default_rng(0).random(shape, np.float32), Layout(16, 12, left, 4, 12, 6)
+    expected = resize_bilinear(raw, 16, 12)[4:10, left : left + 12]
+    if shape == (6, 8) and left == 2:
+        expected = raw[2:5, 1:7]
+    np.testing.assert_array_equal(coarse_depth(output(), raw, layout), expected)
+
+
+@pytest.mark.parametrize(
+    ("depth_is", "lacks"), [("above", [True, True, False]), ("below", [False, True, True])]
+)
+def test_what_is_at_the_threshold_of_a_mask_has_no_depth(
+    depth_is: Literal["above", "below"], lacks: list[bool]
+) -> None:
+    mask = lacks_depth(MaskSpec("sky", 0.5, depth_is), np.float32([0.4, 0.5, 0.6]))
+    np.testing.assert_array_equal(mask, lacks)
 
 
 @pytest.mark.parametrize(
@@ -127,15 +143,17 @@ def test_a_letterbox_is_cut_off_again(stride: int) -> None:
     [
         (output(), [-5, 0.5, 3, 50], [0.5, 0.5, 3, 10]),  # the range of the card
         (output(), [np.nan, 1], [np.nan, 1]),
-        (output(DepthKind.RELATIVE, Transform.RECIPROCAL), [0, 1], [np.nan, 1]),  # infinitely far
+        (output(transform=Transform.RECIPROCAL), [0, 0, 1], [10, 10, 1]),  # of infinitely far
+        (output(DepthKind.RELATIVE, Transform.RECIPROCAL), [0, 1], [np.nan, 1]),
     ],
 )
 def test_values_in_and_out_of_range(
     form: OutputSpec, raw: list[float], expected: list[float]
 ) -> None:
     width = len(raw)
-    depth = finish(form, np.float32([raw]), Layout(width, 1, 0, 0, width, 1), width, 1)
-    np.testing.assert_array_equal(depth, np.float32([expected]))
+    for times in (1, 3):  # resizing has no infinity to spread
+        depth = finish(form, np.float32([raw]), Layout(width, 1, 0, 0, width, 1), times * width, 1)
+        np.testing.assert_array_equal(depth[:, times // 2 :: times], np.float32([expected]))
 
 
 def test_decoding_comes_before_resizing() -> None:
@@ -146,29 +164,10 @@ def test_decoding_comes_before_resizing() -> None:
     np.testing.assert_allclose(depth[0], expected, rtol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("kind", "min_m", "in_log"),
-    [
-        (DepthKind.METRIC, 0.5, True),
-        (DepthKind.METRIC, 0.0, False),
-        (DepthKind.RELATIVE, 0.5, False),
-        (DepthKind.INVERSE, None, False),
-    ],
-)
-def test_what_is_above_zero_blends_in_log(
-    kind: DepthKind, min_m: float | None, in_log: bool
-) -> None:
-    form = OutputSpec(kind, Transform.LINEAR, 1.0, 0.0, min_m, 10.0)
-    assert blends_in_log(form) is in_log
-
-
-def test_infinitely_far_is_the_largest_depth() -> None:
-    raw = np.float32([[0, 1], [0, 1]])
-    reciprocal = output(transform=Transform.RECIPROCAL)
-    depth = finish(reciprocal, raw, Layout(2, 2, 0, 0, 2, 2), 8, 8)
-    assert depth[0, 0] == 10
-    assert depth[0, -1] == 1
-    assert np.isfinite(depth).all()
+def test_only_metres_above_zero_blend_in_log() -> None:
+    metric, relative = output(), output(DepthKind.RELATIVE)
+    assert blends_in_log(metric)
+    assert not any(map(blends_in_log, (replace(metric, min_m=0.0), relative)))
 
 
 @pytest.mark.parametrize(
@@ -180,6 +179,12 @@ def test_infinitely_far_is_the_largest_depth() -> None:
         (Fit.MINIMAL, (160, 120), (320, 120), (320, 120)),
         (Fit.MINIMAL, (160, 120), (160, 90), (160, 90)),
         (Fit.LONGEST_SIDE, (100, 100), (50, 24), (100, 50)),
+        (Fit.LONGEST_SIDE, (100, 100), (47, 100), (45, 100)),
+        (Fit.LOWER_BOUND, (15, 15), (16, 1), (240, 15)),  # 16 times the nominal pixels
+        (Fit.LOWER_BOUND, (15, 15), (20, 1), (270, 15)),
+        (Fit.LOWER_BOUND, (2000, 2000), (10, 1), (12955, 1295)),  # 2^24 pixels
+        (Fit.OWN_SIZE, (16, 12), (18, 14), (15, 10)),
+        (Fit.OWN_SIZE, (16, 12), (5000, 4000), (4575, 3660)),
     ],
 )
 def test_sizes_without_padding(

@@ -1,8 +1,8 @@
 """Providers: what is tried, what is refused, what is said of it."""
 
 import sys
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -26,19 +26,19 @@ def built_with(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     monkeypatch.setattr(ort, "get_available_providers", lambda: full)
 
 
-def starting(monkeypatch: pytest.MonkeyPatch, broken: str) -> list[list[str]]:
+def starting(monkeypatch: pytest.MonkeyPatch, broken: str) -> list[dict[str, dict[str, str]]]:
     """Let sessions be real ones on the CPU, but fail where one provider is among the wanted.
 
     Returns:
-        What is wanted of each session.
+        What is wanted of each session, with its options.
     """
-    wanted: list[list[str]] = []
+    wanted: list[dict[str, dict[str, str]]] = []
 
-    def start(data: bytes, options: Any, stated: list[Any], **others: Any) -> Any:
-        wanted.append([name for name, _ in stated])
+    def start(data: bytes, options: Any, stated: list[Any], *, enable_fallback: int) -> Any:
+        wanted.append(dict(stated))
         if session.PROVIDERS[broken] in wanted[-1]:
             raise RuntimeError("no such device\nsecond line")
-        return REAL(data, options, ["CPUExecutionProvider"], **others)
+        return REAL(data, options, ["CPUExecutionProvider"], enable_fallback=enable_fallback)
 
     monkeypatch.setattr(session.ort, "InferenceSession", start)
     return wanted
@@ -69,31 +69,23 @@ def test_a_named_provider_that_is_absent_fails(monkeypatch: pytest.MonkeyPatch, 
     assert ("pip install" in str(told.value)) == (name in session._PACKAGES)
     with pytest.raises(UsageError):
         session.wanted_providers(f"{name}s")
-
-
-@pytest.mark.parametrize("name", session.PROVIDERS)
-def test_a_named_provider_is_tried_alone(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     built_with(monkeypatch, *session.PROVIDERS)
-    assert session.wanted_providers(name) == (name,)
+    assert session.wanted_providers(name) == (name,)  # alone
 
 
-def test_auto_takes_less_and_says_so(monkeypatch: pytest.MonkeyPatch, model_folder: Path) -> None:
-    built_with(monkeypatch, "cuda", "cpu")
-    wanted = starting(monkeypatch, "cuda")
-    loaded = Session(find_model(model_folder))
-    assert wanted == [["CUDAExecutionProvider", "CPUExecutionProvider"], ["CPUExecutionProvider"]]
-    assert loaded.provider == "cpu"
-    assert loaded.warnings == ("provider 'cuda' does not start here, running on 'cpu'",)
-
-
-def test_a_named_provider_that_does_not_start_is_an_error(
+def test_a_provider_that_does_not_start_is_left_by_auto_with_a_warning(
     monkeypatch: pytest.MonkeyPatch, model_folder: Path
 ) -> None:
     built_with(monkeypatch, "cuda", "cpu")
     wanted = starting(monkeypatch, "cuda")
-    with pytest.raises(ProviderError):
+    loaded = Session(find_model(model_folder))
+    cuda, cpu = "CUDAExecutionProvider", "CPUExecutionProvider"
+    assert [*map(list, wanted)] == [[cuda, cpu], [cpu]]
+    assert loaded.provider == "cpu"
+    assert loaded.warnings == ("provider 'cuda' does not start here, running on 'cpu'",)
+    with pytest.raises(ProviderError, match=r"'cuda' does not start: no such device$"):
         Session(find_model(model_folder), provider="cuda")
-    assert wanted == [["CUDAExecutionProvider"]]
+    assert [*map(list, wanted[2:])] == [[cuda]]
 
 
 def test_a_named_provider_is_never_replaced_in_silence(
@@ -101,11 +93,7 @@ def test_a_named_provider_is_never_replaced_in_silence(
 ) -> None:
     """onnxruntime falls back to the CPU by itself."""
     built_with(monkeypatch, "cuda", "cpu")
-
-    def start(data: bytes, options: Any, _stated: list[Any], **others: Any) -> Any:
-        return REAL(data, options, ["CPUExecutionProvider"], **others)
-
-    monkeypatch.setattr(session.ort, "InferenceSession", start)
+    starting(monkeypatch, "rocm")
     with pytest.raises(ProviderError):
         Session(find_model(model_folder), provider="cuda")
     assert len(Session(find_model(model_folder)).warnings) == 1
@@ -120,64 +108,45 @@ def test_options_need_a_provider_that_takes_them(model_folder: Path, name: str) 
 
 
 def test_options_reach_the_provider(monkeypatch: pytest.MonkeyPatch, model_folder: Path) -> None:
+    """The search of cuDNN takes .4 s for each new size of images, unless it is told otherwise."""
     built_with(monkeypatch, "cuda", "cpu")
-    seen: list[Any] = []
-
-    def start(_data: bytes, _options: Any, stated: list[Any], **_others: Any) -> Any:
-        seen.extend(stated)
-        raise RuntimeError("seen")
-
-    monkeypatch.setattr(session.ort, "InferenceSession", start)
-    with pytest.raises(ProviderError):
-        Session(find_model(model_folder), provider="cuda", provider_options={"device_id": "1"})
-    ((name, options),) = seen
-    assert name == "CUDAExecutionProvider"
-    assert options["device_id"] == "1"
-    assert options["cudnn_conv_algo_search"] == "HEURISTIC"  # else .4 s for each new size of images
-    with pytest.raises(ProviderError):
-        Session(find_model(model_folder), provider="cuda", provider_options={"use_tf32": "1"})
-    assert seen[-1][1]["use_tf32"] == "1"
+    wanted = starting(monkeypatch, "cuda")
+    usual = {"cudnn_conv_algo_search": "HEURISTIC", "use_tf32": "0"}
+    for given in ({"device_id": "1"}, {"use_tf32": "1"}):
+        with pytest.raises(ProviderError):
+            Session(find_model(model_folder), provider="cuda", provider_options=given)
+        assert wanted[-1] == {"CUDAExecutionProvider": usual | given}
 
 
-class Dml:
-    """A real session that calls itself DirectML and counts how many run at once."""
+class Claiming(REAL):
+    """A session on the CPU that states the wanted providers, and counts how many run at once."""
 
-    def __init__(self, data: bytes, options: Any, _stated: list[Any], **others: Any) -> None:
-        self.options = options
-        self._inner = REAL(data, options, ["CPUExecutionProvider"], **others)
-        self._running = 0
-        self.most = 0
+    running = most = 0
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._inner, name)
-
-    def get_providers(self) -> list[str]:
-        return ["DmlExecutionProvider", "CPUExecutionProvider"]
+    def __init__(self, data: bytes, options: Any, stated: list[Any], **others: Any) -> None:
+        super().__init__(data, options, ["CPUExecutionProvider"], **others)
+        self.get_providers = lambda: [name for name, _ in stated]
 
     def run(self, *arguments: Any) -> Any:
-        self._running += 1
-        self.most = max(self.most, self._running)
+        self.running += 1
+        self.most = max(self.most, self.running)
         time.sleep(0.01)
-        result = self._inner.run(*arguments)
-        self._running -= 1
+        result = super().run(*arguments)
+        self.running -= 1
         return result
 
 
 def test_directml_runs_one_at_a_time(monkeypatch: pytest.MonkeyPatch, model_folder: Path) -> None:
     built_with(monkeypatch, "directml", "cpu")
-    monkeypatch.setattr(session.ort, "InferenceSession", Dml)
+    monkeypatch.setattr(session.ort, "InferenceSession", Claiming)
     loaded = Session(find_model(model_folder))
     assert (loaded.provider, loaded.warnings) == ("directml", ())
-    inner: Any = loaded._session
-    assert inner.options.enable_mem_pattern is False
-    assert inner.options.execution_mode == ort.ExecutionMode.ORT_SEQUENTIAL
-    batch = np.zeros((1, 1, 4, 4), np.float32)
-    threads = [threading.Thread(target=loaded.run, args=(batch,)) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert inner.most == 1
+    options = loaded._session.get_session_options()
+    assert options.enable_mem_pattern is False
+    assert options.execution_mode == ort.ExecutionMode.ORT_SEQUENTIAL
+    with ThreadPoolExecutor(4) as pool:
+        assert len([*pool.map(loaded.run, [np.zeros((1, 1, 4, 4), np.float32)] * 4)]) == 4
+    assert loaded._session.most == 1
 
 
 @pytest.mark.parametrize(
@@ -192,40 +161,33 @@ def test_directml_runs_one_at_a_time(monkeypatch: pytest.MonkeyPatch, model_fold
 )
 def test_a_gpu_gets_the_model_of_floats_that_the_card_names(
     monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
+    own: Path,
     there: tuple[str, ...],
     provider: str,
     expected: str,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path))
-    write_model(tmp_path / "float", name="float")
-    write_model(tmp_path / "int8", name="int8", float_model="float")
+    write_model(own / "float", name="float")
+    write_model(own / "int8", name="int8", float_model="float")
     built_with(monkeypatch, *there)
-
-    class Working(REAL):
-        """A session on the CPU that states the first of the wanted providers."""
-
-        def __init__(self, data: bytes, options: Any, stated: list[Any], **others: Any) -> None:
-            super().__init__(data, options, ["CPUExecutionProvider"], **others)
-            self.get_providers = lambda: [name for name, _ in stated]
-
-    monkeypatch.setattr(session.ort, "InferenceSession", Working)
+    monkeypatch.setattr(session.ort, "InferenceSession", Claiming)
+    caplog.set_level("INFO")
     loaded = SessionLoader("int8", provider, threads=2).load()
+    assert f"on {loaded.provider}, 2 threads" in caplog.text
     assert loaded.model.card.name == expected
     assert loaded.provider == (there[0] if provider == "auto" else provider)
     assert loaded._session.get_session_options().intra_op_num_threads == 2
 
 
 def test_the_cpu_has_its_model_if_no_gpu_works(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, own: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # The CUDA that pip installed was not found: danielgatis/rembg#668, microsoft/onnxruntime#21684.
     missing = "Failed to load libcublasLt.so.13\n"
     tell = lambda: sys.stdout.write(missing)  # noqa: E731 - as onnxruntime does
     monkeypatch.setattr(ort, "preload_dlls", tell, raising=False)
-    monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path))
-    write_model(tmp_path / "float", name="float")
-    write_model(tmp_path / "int8", name="int8", float_model="float")
+    write_model(own / "float", name="float")
+    write_model(own / "int8", name="int8", float_model="float")
     built_with(monkeypatch, "cuda", "cpu")
     starting(monkeypatch, "cuda")
     loaded = SessionLoader("int8", threads=2).load()

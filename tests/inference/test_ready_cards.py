@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import onnx
+import onnx.parser
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
@@ -191,17 +191,13 @@ def test_a_long_strip_does_not_fill_the_memory(size: tuple[int, int]) -> None:
 
 def test_channels_last_is_a_matter_of_the_card(tmp_path: Path, own: Path) -> None:
     """TensorFlow's converters write (N, H, W, C) in and (N, H, W, 1) out."""
-    nodes = [helper.make_node("ReduceMean", ["image"], ["depth"], axes=[3], keepdims=1)]
-    shape = [1, 256, 256, 3]
-    graph = helper.make_graph(
-        nodes,
-        "last",
-        [helper.make_tensor_value_info("image", TensorProto.FLOAT, shape)],
-        [helper.make_tensor_value_info("depth", TensorProto.FLOAT, [1, 256, 256, 1])],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=7)
+    text = """
+        <ir_version: 7, opset_import: ["": 13]>
+        last (float[1,256,256,3] image) => (float[1,256,256,1] depth) {
+            depth = ReduceMean<axes = [3], keepdims = 1>(image)
+        }"""
     file = tmp_path / "last.onnx"
-    onnx.save(model, file)
+    onnx.save(onnx.parser.parse_model(text), file)
     with pytest.raises(Exception, match=r"correct .* input\.layout"):
         add_model(file, "midas-small")
     assert not list(own.glob("*"))

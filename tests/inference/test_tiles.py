@@ -1,87 +1,93 @@
 """Tiles, and panoramas."""
 
-from collections.abc import Callable
+import math
+from itertools import product
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import OpenEXR
 import pytest
 from helpers.tiny import load, point_cloud, write_model
-from hypothesis import given, strategies as st
 from PIL import Image
 
 from depthcli.core.camera import Intrinsics
+from depthcli.core.imageops import resize_area, resize_bilinear
 from depthcli.core.options import AUTO_TILE, Projection, Upsampling, UpsamplingOptions
 from depthcli.core.types import DepthKind, DepthMap, Frame, Provenance, Transform, panorama_rays
 from depthcli.errors import InputError
 from depthcli.inference.pipeline import Pipeline, tile_width_px
-from depthcli.inference.tiles import HFOV_DEG, TileGrid, _pixels_of, panorama_distance, refine
+from depthcli.inference.session import Session
+from depthcli.inference.tiles import TileGrid, _pixels_of, panorama_distance, refine
 from depthcli.inference.transforms import coarse_depth, full_size, prepare
 from depthcli.io.depth.read import read_stored_depth
 from depthcli.io.formats.exr import ExrWriter
 from depthcli.io.images.read import read_image
-from depthcli.models.card import OutputSpec
+from depthcli.models.card import Colour, Fit, InputSpec, OutputSpec
 
 METRIC = OutputSpec(DepthKind.METRIC, Transform.LINEAR, 1.0, 0.0, 0.5, 10.0)
 RELATIVE = OutputSpec(DepthKind.RELATIVE, Transform.LINEAR, 1.0, 0.0, None, None)
 COARSE = (24, 32)
 
 
-def ramp(height: int = 300, width: int = 400) -> Frame:
-    """A float image that is its own smooth depth: 1 m to 7 m, curved."""
-    rows, columns = np.mgrid[0:height, 0:width]
-    depth_m = 1 + 3 * (rows / height) ** 2 + 3 * np.sin(columns / width * 1.5)
-    return Frame((depth_m / 10).astype(np.float32))
-
-
-def seen(frame: Frame) -> np.ndarray:
-    """The image's depth at the size of a network's output."""
-    from depthcli.core.imageops import resize_area  # noqa: PLC0415 - beside what uses it
-
-    return resize_area(frame.pixels.astype(np.float32) * 10, COARSE[1], COARSE[0])
-
-
 def moody(frame: Frame) -> np.ndarray:
     """As networks are: each tile has a scale of its own, by what it shows, and bends."""
-    depth_m = seen(frame)
-    factor = np.float32(0.7 + 0.1 * depth_m.mean())
-    bend = 1 + 0.1 * np.sin(np.linspace(0, np.pi, COARSE[1]))
-    return np.clip(depth_m * factor * bend.astype(np.float32), 0.5, 10).astype(np.float32)
+    depth_m = resize_area(frame.pixels, COARSE[1], COARSE[0]) * 10
+    bend = 1 + 0.1 * np.sin(np.linspace(0, np.pi, COARSE[1], dtype=np.float32))
+    return np.clip(depth_m * (0.7 + 0.1 * depth_m.mean()) * bend, 0.5, 10)
 
 
-def test_tiles_cover_the_image_and_overlap() -> None:
-    grid = TileGrid.plan(1000, 300, COARSE)
-    assert (grid.width, grid.height) == (107, 80)
-    covered = np.zeros((grid.height, grid.width), int)
-    tiles = grid.tiles
-    for rows, columns in tiles:
-        assert (rows.stop - rows.start, columns.stop - columns.start) == COARSE
-        covered[rows, columns] += 1
-    assert covered.min() == 1
-    assert covered[:, grid.width // 2].max() > 1
-    assert len(tiles) == len({(r.start, c.start) for r, c in tiles})
-    lefts = sorted({columns.start for _, columns in tiles})
-    assert np.diff(lefts).max() <= 0.75 * COARSE[1]
+def gaussian(size: int) -> np.ndarray:
+    """A blur of one cell's deviation, to four of them, of cells mirrored at both ends, (N, N)."""
+    kernel = np.exp(-(np.arange(-4, 5) ** 2) / 2)
+    cells = np.pad(np.eye(size), ((4, 4), (0, 0)), mode="symmetric")
+    return np.stack([kernel / kernel.sum() @ cells[i : i + 9] for i in range(size)])
 
 
-@given(st.integers(1, 50), st.integers(1, 50), st.data())
-def test_pixels_of_cells_are_theirs_and_at_least_one(
-    size: int, cells: int, data: st.DataObject
+@pytest.mark.parametrize(("dtype", "most", "white"), [("u1", 255, 255), ("f4", 1.2, 1)])
+def test_tiles_are_fitted_and_blended_as_loops_over_their_cells_have_it(
+    dtype: str, most: float, white: int
 ) -> None:
-    start = data.draw(st.integers(0, cells - 1))
-    stop = data.draw(st.integers(start + 1, cells))
-    found = _pixels_of(slice(start, stop), size, cells)
-    assert 0 <= found.start < found.stop <= size
-    assert abs(found.start - start * size / cells) <= 1
-    assert -0.5 <= found.stop - stop * size / cells <= 1
+    """Of 10 × 7 cells, at a quarter of an overlap; a tile that contradicts the whole is flat."""
+    random = np.random.default_rng(0)
+    frame = Frame((random.random((61, 91)) * most).astype(dtype))
+    overall = random.random((7, 10), np.float32)
+    whole = resize_bilinear(overall, 26, 18)
+    total, weight, parts = np.zeros((18, 26)), np.zeros((18, 26)), []
+    maps = [random.random((7, 10), np.float32) for _ in range(12)]
+    maps[5], maps[6], maps[7] = maps[5] * np.nan, np.ones_like(overall), -whole[7:14, 8:18]
+    for tile, (top, left) in zip(maps, product((0, 4, 7, 11), (0, 8, 16)), strict=True):
+        edges = [round(row * 61 / 18) for row in (top, top + 7)]
+        edges += [round(column * 91 / 26) for column in (left, left + 10)]
+        parts.append(frame.pixels[slice(*edges[:2]), slice(*edges[2:])].clip(0, white))
+        coarse = whole[top : top + 7, left : left + 10].astype(float)
+        x, y = (resize_area(each - each.mean(), 4, 3) for each in (tile.astype(float), coarse))
+        prior = 0.01 * tile.var()
+        scale = max(0, (x * y).mean() + prior) / ((x * x).mean() + prior or 1)
+        fitted = scale * tile + gaussian(7) @ (coarse - scale * tile) @ gaussian(10).T
+        for row, column in np.ndindex(7, 10):
+            share = np.sin(np.pi * (row + 0.5) / 7) ** 2 * np.sin(np.pi * (column + 0.5) / 10) ** 2
+            used = coarse if np.isnan(tile).any() else fitted
+            total[top + row, left + column] += (share + 1e-6) * used[row, column]
+            weight[top + row, left + column] += share + 1e-6
+
+    def predict(part: Frame) -> np.ndarray:
+        np.testing.assert_array_equal(part.pixels, parts.pop(0))
+        return maps[-1 - len(parts)]
+
+    joined = refine(RELATIVE, overall, frame, 35, predict)
+    np.testing.assert_allclose(joined, total / weight, atol=1e-6)
 
 
-@pytest.mark.parametrize("network", [seen, moody])
+def test_cells_finer_than_pixels_have_the_pixel_that_they_are_in() -> None:
+    found = [_pixels_of(slice(cell, cell + 1), 3, 7) for cell in range(7)]
+    assert found == [slice(pixel, pixel + 1) for pixel in (0, 0, 1, 1, 2, 2, 2)]
+
+
 @pytest.mark.parametrize("tile_px", [90, 160, 250])
-def test_no_seam_shows(network: Callable[[Frame], np.ndarray], tile_px: int) -> None:
-    frame = ramp()
-    joined = np.log(refine(METRIC, network(frame), frame, tile_px, network))
+def test_no_seam_shows_where_depth_is_smooth(tile_px: int) -> None:
+    rows, columns = np.mgrid[:1:300j, :1:400j]
+    frame = Frame((0.1 + 0.3 * rows**2 + 0.3 * np.sin(1.5 * columns)).astype(np.float32))
+    joined = np.log(refine(METRIC, moody(frame), frame, tile_px, moody))
     grid = TileGrid.plan(frame.width, tile_px, COARSE)
     # A seam is a jump of slope: a second difference at a tile's border above those elsewhere.
     bends = np.abs(np.diff(joined, 2, axis=1)).max(axis=0)
@@ -93,54 +99,22 @@ def test_no_seam_shows(network: Callable[[Frame], np.ndarray], tile_px: int) -> 
     assert np.abs(np.diff(joined, axis=1)).max() < 0.2
 
 
-@pytest.mark.parametrize("kind", ["scale", "shift"])
-def test_relative_tiles_are_fitted_by_scale_and_shift(kind: str) -> None:
-    frame = ramp()
-
-    def tile(part: Frame) -> np.ndarray:
-        return 3 * seen(part) if kind == "scale" else seen(part) - 20
-
-    joined = refine(RELATIVE, seen(frame), frame, 150, tile)
-    fine = refine(RELATIVE, seen(frame), frame, 150, seen)
-    np.testing.assert_allclose(joined, fine, atol=0.01)
-
-
 def test_a_map_with_holes_is_left_as_it_is() -> None:
     overall = np.full(COARSE, np.nan, np.float32)
-    assert refine(RELATIVE, overall, ramp(), 100, seen) is overall
+    assert refine(RELATIVE, overall, Frame(np.zeros((9, 9), np.uint8)), 3, moody) is overall
 
 
 @pytest.fixture
-def camera(tmp_path: Path) -> Callable[[UpsamplingOptions], Pipeline]:
-    """The tiny model, 16×12, with a choice of detail."""
-    folder = write_model(tmp_path / "tiny")
-    return lambda detail: load(folder, provider="cpu", detail=detail)
+def tiny(tmp_path: Path) -> Session:
+    """The tiny model, 16×12."""
+    return load(write_model(tmp_path / "tiny"), provider="cpu").session
 
 
-def textured(height: int = 96, width: int = 128) -> Frame:
-    rng = np.random.default_rng(0)
-    patches = rng.integers(0, 256, (height // 4, width // 4, 3), dtype=np.uint8)
-    return Frame(patches.repeat(4, 0).repeat(4, 1))
-
-
-def test_tiles_make_the_map_sharper(camera: Callable[[UpsamplingOptions], Pipeline]) -> None:
-    frame = textured()
-    truth = 1 + 8 / 255 * frame.pixels.max(axis=2)
-    errors = [
-        np.abs(
-            camera(UpsamplingOptions(Upsampling.BILINEAR, tile)).predict(frame).depth.values - truth
-        ).mean()
-        for tile in (None, 32)
-    ]
-    assert errors[1] < 0.8 * errors[0]
-
-
-def test_a_tiled_map_is_guided_as_far_as_a_pixel_of_the_whole_image_reaches(
-    camera: Callable[[UpsamplingOptions], Pipeline],
-) -> None:
+def test_a_tiled_map_is_guided_as_far_as_a_pixel_of_the_whole_image_reaches(tiny: Session) -> None:
     """Tiles of 32 of 128 columns: the joined map is four times as fine as the whole image's."""
-    frame = textured()
-    pipeline = camera(UpsamplingOptions(Upsampling.GUIDED, 32))
+    patches = np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8)
+    frame = Frame(patches.repeat(4, 0).repeat(4, 1))
+    pipeline = Pipeline(tiny, UpsamplingOptions(Upsampling.GUIDED, 32))
     spec = pipeline.card.output
 
     def predict(part: Frame) -> np.ndarray:
@@ -157,51 +131,40 @@ def test_a_tiled_map_is_guided_as_far_as_a_pixel_of_the_whole_image_reaches(
 
 
 @pytest.mark.parametrize(
-    ("tile", "width", "expected"),
+    ("tile", "width", "height", "expected"),
     [
-        (None, 1000, None),
-        (AUTO_TILE, 1000, 750),
-        (AUTO_TILE, 1001, 751),
-        (AUTO_TILE, 20, 16),
-        (AUTO_TILE, 16, None),
-        (300, 1000, 300),
-        (1000, 1000, None),
-        (2000, 1000, None),
+        (None, 1000, 8, None),
+        (AUTO_TILE, 1000, 8, 750),
+        (AUTO_TILE, 1001, 8, 751),
+        (AUTO_TILE, 20, 8, 16),
+        (AUTO_TILE, 16, 8, None),
+        (300, 1000, 8, 300),
+        (1000, 1000, 8, None),
+        (2000, 1000, 8, None),
+        (8, 400, 300, 8),  # (192 / 4 · 4 / 3)^½, so that a pixel has four of the network's at most
+        (7, 400, 300, "give a tile of 8 or more"),
+        (-1, 400, 300, "give a tile of 8 or more"),
     ],
 )
-def test_width_of_tiles(
-    camera: Callable[[UpsamplingOptions], Pipeline],
-    tile: int | None,
-    width: int,
-    expected: int | None,
-) -> None:
-    frame = Frame(np.zeros((8, width), np.uint8))
-    spec, options = camera(UpsamplingOptions()).card.input, UpsamplingOptions(tile_px=tile)
-    assert tile_width_px(spec, frame, options) == expected
-
-
-def test_tiles_have_no_less_detail_than_the_network(
-    camera: Callable[[UpsamplingOptions], Pipeline],
-) -> None:
-    """16 × 12 pixels of the network, of which a pixel of the image has four at most."""
-    spec, frame = camera(UpsamplingOptions()).card.input, Frame(np.zeros((300, 400), np.uint8))
-    assert tile_width_px(spec, frame, UpsamplingOptions(tile_px=8)) == 8  # (192 / 4 · 4 / 3)^½
-    for tile_px in (7, -1):
-        with pytest.raises(InputError):
-            tile_width_px(spec, frame, UpsamplingOptions(tile_px=tile_px))
+def test_width_of_tiles(tile: int | None, width: int, height: int, expected: int | str) -> None:
+    spec = InputSpec(Colour.VALUE, 16, 12, True, 1, Fit.STRETCH, (0.5,), (0.5,))
+    frame, detail = Frame(np.zeros((height, width), np.uint8)), UpsamplingOptions(tile_px=tile)
+    if isinstance(expected, str):
+        with pytest.raises(InputError, match=expected):
+            tile_width_px(spec, frame, detail)
+    else:
+        assert tile_width_px(spec, frame, detail) == expected
 
 
 @pytest.mark.parametrize("upsampling", list(Upsampling))
-def test_memory_stays_within_what_was_counted(
-    camera: Callable[[UpsamplingOptions], Pipeline], upsampling: Upsampling
-) -> None:
+def test_memory_stays_within_what_was_counted(tiny: Session, upsampling: Upsampling) -> None:
     import tracemalloc  # noqa: PLC0415 - only here
 
     height, width = 3000, 4000
     frame = Frame(np.full((height, width, 3), 100, np.uint8))
     # Pixels are there already; depth and bands are what may come on top.
     limit = frame.pixels.nbytes + 4 * height * width + 8_000_000
-    pipeline = camera(UpsamplingOptions(upsampling, AUTO_TILE))
+    pipeline = Pipeline(tiny, UpsamplingOptions(upsampling, AUTO_TILE))
     tracemalloc.start()
     depth = pipeline.predict(frame).depth
     peak = tracemalloc.get_traced_memory()[1]
@@ -212,71 +175,116 @@ def test_memory_stays_within_what_was_counted(
 
 EQUIRECTANGULAR = Projection.EQUIRECTANGULAR
 XMP = b'<x:xmpmeta><rdf:Description GPano:ProjectionType="equirectangular"/></x:xmpmeta>'
-
-
-def _norms(side: int) -> npt.NDArray[np.float32]:
-    along = np.tan(np.radians(HFOV_DEG) / 2) * ((np.arange(side) + 0.5) * 2 / side - 1)
-    return np.sqrt(1 + along**2 + along[:, np.newaxis] ** 2).astype(np.float32)
-
-
 VIEWS_DEG = [
     *((yaw, 0) for yaw in range(0, 360, 45)),
     *((yaw + 22.5, pitch) for pitch in (45, -45) for yaw in range(0, 360, 45)),
     *((0, pitch) for pitch in (90, -90)),
 ]
+HALF = math.tan(math.radians(65 / 2))  # of the width of a view at a depth of 1
 
 
-def _directions(side: int, yaw: float, pitch: float) -> npt.NDArray[np.float64]:
-    """Unit vectors to the pixels of a view, which looks to the right by yaw and up by pitch."""
-    ahead = np.array([np.sin(yaw) * np.cos(pitch), -np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
-    right = np.array([np.cos(yaw), 0, -np.sin(yaw)])
-    down = np.array([np.sin(yaw) * np.sin(pitch), np.cos(pitch), np.cos(yaw) * np.sin(pitch)])
-    along = np.tan(np.radians(HFOV_DEG) / 2) * ((np.arange(side) + 0.5) * 2 / side - 1)
-    found = ahead + along[:, None] * right + along[:, None, None] * down
-    return found / np.linalg.norm(found, axis=-1, keepdims=True)
+def _turn(yaw_deg: float, pitch_deg: float) -> np.ndarray:
+    """What is right, down and ahead in a view that looks to the right by yaw and up by pitch."""
+    yaw, pitch = np.radians((yaw_deg, pitch_deg))
+    right = np.cos(yaw), 0, -np.sin(yaw)
+    down = np.sin(yaw) * np.sin(pitch), np.cos(pitch), np.cos(yaw) * np.sin(pitch)
+    ahead = np.sin(yaw) * np.cos(pitch), -np.sin(pitch), np.cos(yaw) * np.cos(pitch)
+    return np.array([right, down, ahead])
 
 
-def test_each_direction_has_its_distance_in_the_metres_of_level_views() -> None:
-    """Colours of the panorama are its directions; views up and down are half as far again."""
-    rays, slope, turns = panorama_rays(256, 128), np.array([1, 0.5, 0.25]), iter(VIEWS_DEG)
+def _rays(side: int) -> np.ndarray:
+    """Unit vectors to the pixels of a view, in that view."""
+    along = ((np.arange(side) + 0.5) * 2 / side - 1) * HALF
+    rays = np.stack([*np.meshgrid(along, along), np.ones((side, side))], axis=-1)
+    return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
 
-    def predict(view: Frame) -> npt.NDArray[np.float32]:
-        yaw, pitch = np.radians(next(turns))
-        directions = _directions(view.width, yaw, pitch)
-        np.testing.assert_allclose(view.pixels * 2 - 1, directions, atol=0.02)
-        metres = (3 + directions @ slope) / _norms(view.width) * (1.5 if pitch else 1)
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("width", "side", "hole"), [(256, 52, None), (302, 61, None), (256, 52, 0)]
+)
+def test_each_direction_has_its_distance_in_the_metres_of_level_views(
+    width: int, side: int, hole: int | None
+) -> None:
+    """Colours of the panorama are its directions; each view has a factor, one may have a hole."""
+    rays, slope = panorama_rays(width, width // 4 * 2), (1, 0.5, 0.25)
+    factors = np.exp(np.random.default_rng(0).normal(0, 0.3, 26))
+    views = iter(enumerate(VIEWS_DEG))
+
+    def predict(view: Frame) -> np.ndarray:
+        (i, angles), local = next(views), _rays(side)
+        directions = local @ _turn(*angles)
+        atol = 0.02 if side % 2 else 3e-4  # a pole itself has the colours of its row
+        np.testing.assert_allclose(view.pixels * 2 - 1, directions, atol=atol)
+        metres = (3 + directions @ slope) * local[..., 2] * factors[i]
+        metres[0, 0] *= np.nan if i == hole else 1
         return metres.astype(np.float32)
 
     found = panorama_distance(Frame((rays + 1) / 2), predict)
-    assert next(turns, None) is None
-    np.testing.assert_allclose(found, 3 + rays @ slope, rtol=3e-3)
+    assert next(views, None) is None
+    assert np.isnan(found[width // 4, width // 2]) == (hole == 0)  # ahead, only the first one looks
+    counted = [factor for i, factor in enumerate(factors[:8]) if i != hole]
+    expected = (3 + rays @ slope) * np.exp(np.log(counted).mean())
+    np.testing.assert_allclose(found, np.where(np.isnan(found), np.nan, expected), rtol=1e-3)
 
 
-def test_views_that_differ_by_a_factor_are_joined_without_a_seam() -> None:
-    random = np.random.default_rng(0)
+def test_views_are_blended_in_log_with_weights_that_end_at_a_circle() -> None:
+    """Each level view tells more to its right; near the horizon, no others are seen."""
+    rays, views = panorama_rays(256, 128), iter(VIEWS_DEG)
 
-    def predict(view: Frame) -> npt.NDArray[np.float32]:
-        return np.float32(2 * random.uniform(0.8, 1.25)) / _norms(view.width)
+    def predict(view: Frame) -> np.ndarray:
+        local, (_, pitch_deg) = _rays(view.width), next(views)
+        across = local[..., 0] / local[..., 2] / HALF
+        return (np.exp(0 if pitch_deg else across) * local[..., 2]).astype(np.float32)
 
-    found = panorama_distance(Frame(np.zeros((64, 128), np.uint8)), predict)
-    edges = np.abs(found[:, 0] / found[:, -1] - 1)
-    assert np.median(edges) < 0.02
-    assert found.max() / found.min() < 1.02
+    found = panorama_distance(Frame(np.zeros((128, 256), np.uint8)), predict)
+    for row, column in product((57, 63, 70), range(256)):
+        total = weights = 0
+        for angles in VIEWS_DEG[:8]:
+            x, y, z = _turn(*angles) @ rays[row, column]
+            weight = max(0, 1 - (x**2 + y**2) / (z * HALF) ** 2) ** 2 if z > 0 else 0
+            total, weights = total + weight * x / z / HALF, weights + weight
+        assert found[row, column] == pytest.approx(np.exp(total / weights), rel=2e-3)
 
 
-def test_panorama_that_does_not_show_all_directions_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("width", "side"), [(16, 8), (302, 61), (5100, 1024)])
+def test_views_have_the_pixels_of_the_panorama_within_bounds(width: int, side: int) -> None:
+    def refuse(view: Frame) -> np.ndarray:
+        raise InputError(f"a view of {view.width} pixels")
+
+    with pytest.raises(InputError, match=f"a view of {side} pixels"):
+        panorama_distance(Frame(np.zeros((width // 2, width), np.uint8)), refuse)
+
+
+def gray(width: int) -> Frame:
+    return Frame(np.full((32, width), 90, np.uint8), projection=EQUIRECTANGULAR)
+
+
+def test_metres_of_a_panorama_are_those_of_the_camera_of_its_views(tmp_path: Path) -> None:
+    pipeline = load(write_model(tmp_path, camera={"hfov_deg": 60.0}))
+    depth, sha256 = pipeline.predict(gray(66)).depth, pipeline.session.model.sha256
+    source = Provenance("tiny", sha256, (16, 12), None, 1, projection=EQUIRECTANGULAR)
+    assert depth.provenance == source
+    factor = math.sqrt(16 * 12) / 2 / HALF / (8 / math.tan(math.radians(30)))
+    assert depth.values[15, 33] == pytest.approx((1 + 8 * 90 / 255) * factor, rel=6e-3)
+
+
+def test_what_a_panorama_does_not_have_is_refused(tmp_path: Path) -> None:
     pipeline = load(write_model(tmp_path / "m", camera={"hfov_deg": 60.0}))
-    whole, part = (
-        Frame(np.full((32, width), 90, np.uint8), projection=EQUIRECTANGULAR) for width in (64, 50)
-    )
-    found = pipeline.predict(whole)
-    assert found.depth.values.shape == (32, 64)
-    assert found.depth.provenance.focal_px is None
-    for frame, camera in ((part, Intrinsics()), (whole, Intrinsics(hfov_deg=60.0))):
-        with pytest.raises(InputError):
-            pipeline.predict(frame, camera)
-    with pytest.raises(InputError):
-        load(write_model(tmp_path / "n", camera=None)).predict(whole)
+    pipeline.session.load_error = lambda: pipeline.session
+    uncertain = Pipeline(pipeline.session, UpsamplingOptions(error=True))
+    unscaled = load(write_model(tmp_path / "n", camera=None))
+    for refusing, frame, camera, problem in (
+        (pipeline, gray(67), Intrinsics(), "all directions is twice as wide as high, not 67×32"),
+        (pipeline, gray(66), Intrinsics(hfov_deg=60.0), "no focal length"),
+        (pipeline, gray(66), Intrinsics(centre_px=(33, 16)), "no principal point"),
+        (uncertain, gray(66), Intrinsics(), "error of depth of a panorama is not known; leave"),
+        (unscaled, gray(66), Intrinsics(), "no metres of a known camera"),
+    ):
+        with pytest.raises(InputError, match=problem):
+            refusing.predict(frame, camera)
+    with pytest.raises(InputError, match="no view"):
+        panorama_distance(gray(66), lambda view: np.full((view.width,) * 2, np.nan, np.float32))
 
 
 def test_point_cloud_of_a_panorama_is_along_its_rays(tmp_path: Path) -> None:
