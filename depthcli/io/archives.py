@@ -5,7 +5,6 @@ Images are read from them, and depth is written to a file of the same kind.
 
 import json
 import os
-import tarfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
@@ -75,6 +74,8 @@ def _image_columns(file: Any) -> list[str]:  # noqa: ANN401 - pyarrow's own
 
 
 def _tar_members(path: Path, column: str | None) -> Iterator[Member]:
+    import tarfile  # noqa: PLC0415 - as others import this module for its types
+
     last = None
     try:
         with tarfile.open(path, "r:*") as archive:
@@ -125,6 +126,7 @@ def archive_writer(path: Path, formats: tuple[Format, ...]) -> Iterator[Write]:
 
 @contextmanager
 def _tar_writer(path: Path) -> Iterator[Write]:
+    import tarfile  # noqa: PLC0415
 
     with tarfile.open(path, "w", format=tarfile.PAX_FORMAT) as archive:
 

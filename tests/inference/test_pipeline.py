@@ -64,6 +64,23 @@ def test_metres_are_corrected_as_measured(
         pipeline.predict(gray(51), Intrinsics(scale=replace(scale, model_sha256="0" * 64)))
 
 
+@pytest.mark.parametrize("fit", ["stretch", "keep-aspect"])
+@pytest.mark.parametrize("dynamic", [True, False])
+def test_every_fit_puts_depth_where_the_image_is(tmp_path: Path, fit: str, dynamic: bool) -> None:
+    folder = write_model(tmp_path, input__fit=fit, input__dynamic=dynamic)
+    pixels = synthetic_image(60, 180)
+    depth = load(folder).predict(Frame(pixels)).depth.values
+    expected = 1 + 8 / 255 * pixels.max(axis=-1)
+    assert np.abs(depth - expected)[:, 12:-12].max() < 0.4
+
+
+def test_an_output_of_lower_stride_is_brought_to_size(tmp_path: Path) -> None:
+    folder = write_model(tmp_path, tiny_onnx(stride=2))
+    depth = load(folder).predict(gray(255)).depth
+    assert depth.values.shape == (30, 40)
+    np.testing.assert_allclose(depth.values, 9, rtol=1e-5)
+
+
 def test_a_trial_refuses_a_model_without_depth(tmp_path: Path) -> None:
     proto = onnx.load_from_string(tiny_onnx())
     nothing = np.full((1, 1, 1, 1), np.nan, np.float32)
