@@ -204,7 +204,7 @@ def batch(
         console.note(f"watching {folder}; Ctrl-C ends")
     if output.dry_run:
         planned = dry_run(request, loading.result())
-        would_fail = results.print_dry_run(planned, plan, as_json=screen.as_json)
+        would_fail = results.print_dry_run(planned, plan, screen)
         return ExitCode.SOME_FAILED if would_fail else ExitCode.OK
     session = loading.result()
     stopped = Event()

@@ -92,24 +92,23 @@ def _warn_of_loops(loops: Iterable[str]) -> None:
     console.warn_all(f"{loop} is a link to a folder above it; skipped" for loop in loops)
 
 
-def print_dry_run(results: Iterable[DryRun], plan: BatchPlan, *, as_json: bool) -> int:
+def print_dry_run(results: Iterable[DryRun], plan: BatchPlan, screen: ScreenOptions) -> int:
     """Print what would be done for each input, and the counts; the number that would fail."""
-    console.warn_all(plan.warnings)
+    screen.warn_all(plan.warnings)
     skipped = (("skip", file.name, (), file.reason) for file in plan.skipped)
     counts: Counter[str] = Counter()
     for would, name, outputs, problem in chain(results, skipped):
         counts[would] += 1
         paths, error = [str(path) for path in outputs], problem and console.worded(problem)
-        if as_json:
+        if screen.as_json:
             console.out_json({"input": name, "would": would, "outputs": paths, "error": error})
         else:
             result = f": {error}" if error else f" -> {', '.join(paths)}"
             console.out(options.one_line(f"{would:<4}  {name}{result}"))
     rest = f"; {skip_summary(plan.skipped)}" if plan.skipped else ""
-    console.note(
-        f"would process {counts['do']}, keep {counts['keep']} already done, fail "
-        f"{counts['fail']}{rest}"
-    )
+    if not screen.quiet:
+        done = f"keep {counts['keep']} already done, fail {counts['fail']}"
+        console.note(f"would process {counts['do']}, {done}{rest}")
     return counts["fail"]
 
 
