@@ -1,3 +1,3 @@
 """The version, which packaging, outputs and ``--version`` read here."""
 
-__version__ = "0.35.0"
+__version__ = "0.36.0"
