@@ -67,8 +67,8 @@ def resume(out: Path, path: Path, shard: Shard) -> None:
     plan = step("plan", lambda: plan_files(read_list(str(path)), "list", ".", out, shard=shard))
     journal = step("earlier rows", lambda: Journal(out, shard, plan.names.names))
     tasks = TaskBuilder(plan, BatchOptions(), journal)
-    kept = step("tasks", lambda: sum(tasks.task(file).is_listed for file in plan.inputs))
-    if kept != len(plan.inputs):
+    listed = step("tasks", lambda: sum(tasks.task(file).is_listed for file in plan.inputs))
+    if listed != len(plan.inputs):
         raise SystemExit("a row is missing")
     step("manifest", lambda: journal.finish(file.name for file in plan.inputs))
 

@@ -100,7 +100,7 @@ def sequence(
 
 def temporal_error(logs: Sequence[Floats], made: Made) -> float:
     """The temporal error of a sequence, (H, W) logarithms of depth."""
-    found = []
+    errors = []
     for i, (x, y, z) in enumerate(made.before, start=1):
         near, mean = (
             cv2.remap(made.depth_m[i - 1], x, y, how)
@@ -111,8 +111,8 @@ def temporal_error(logs: Sequence[Floats], made: Made) -> float:
         is_seen &= (abs(near - z) < SAME_SURFACE * z) & (abs(mean - z) < SAME_SURFACE * z)
         change = logs[i] - cv2.remap(logs[i - 1], x, y, cv2.INTER_LINEAR)
         true = np.log(made.depth_m[i], where=is_seen, out=np.zeros_like(z)) - np.log(z)
-        found.append(np.abs(np.expm1(change - true))[is_seen])
-    return float(np.concatenate(found).mean())
+        errors.append(np.abs(np.expm1(change - true))[is_seen])
+    return float(np.concatenate(errors).mean())
 
 
 def scores(logs: Sequence[Floats], made: Made) -> tuple[float, float, float]:
@@ -134,7 +134,7 @@ def smoothed(
     """Depth as ``--smooth 0.2`` writes it; None for no correction, as up to 0.18.0."""
     changes, smoother = ChangeDetector(), Smoother()
     small = [thumbnail(pixels) for pixels in rgb]
-    found = [changes.step(image) for image in small]
+    steps = [changes.step(image) for image in small]
     decay = ema_decay(INTERVAL_S, SMOOTH_S)
     if look_ahead is None:
         rows, columns = (size // 3 for size in small[0].shape)
@@ -142,12 +142,12 @@ def smoothed(
         steady = [Correction(nothing, nothing + 1)] * len(logs)
     else:
         deflicker, steady = Deflicker(look_ahead), []
-        for image, log, change in zip(small, logs, found, strict=True):
+        for image, log, change in zip(small, logs, steps, strict=True):
             cells = sample_cells(log, image.shape)
             steady += deflicker.step(image, cells, decay, is_cut=change.is_cut)
         steady += deflicker.finish()
-    frames = zip(logs, found, steady, strict=True)
-    return [smoother.step(log, change, one, decay) for log, change, one in frames]
+    frames = zip(logs, steps, steady, strict=True)
+    return [smoother.step(log, change, frame, decay) for log, change, frame in frames]
 
 
 METHODS: dict[str, Callable[[list[Floats], Made], list[Floats]]] = {
@@ -184,20 +184,20 @@ def main() -> None:
     options = parser.parse_args()
     cv2.setNumThreads(1)
     pipeline = depthcli.load_model(options.model, threads=1).pipeline
-    found: dict[tuple[str, str], list[tuple[float, float, float]]] = defaultdict(list)
+    scores_of: dict[tuple[str, str], list[tuple[float, float, float]]] = defaultdict(list)
     seconds: dict[str, float] = defaultdict(float)
     frames = 0
-    for kind, made in sequences(options.data, options.images):
-        logs = [np.log(pipeline.predict(Frame(pixels)).depth.values) for pixels in made.rgb]
+    for kind, video in sequences(options.data, options.images):
+        logs = [np.log(pipeline.predict(Frame(pixels)).depth.values) for pixels in video.rgb]
         frames += len(logs)
         for name, method in METHODS.items():
             start = time.perf_counter()
-            steady = method(logs, made)
+            steady = method(logs, video)
             seconds[name] += time.perf_counter() - start
-            found[kind, name].append(scores(steady, made))
-    for (kind, name), each in found.items():
+            scores_of[kind, name].append(scores(steady, video))
+    for (kind, name), each in scores_of.items():
         error, abs_rel, edges = np.mean(each, axis=0)
-        ratio = error / np.mean(found[kind, "0.18.0"], axis=0)[0]
+        ratio = error / np.mean(scores_of[kind, "0.18.0"], axis=0)[0]
         print(
             f"{kind:12} {name:13} temporal error {error:.3%} ({ratio:.2f})"
             f"  abs_rel {abs_rel:.4f}  edge F1 {edges:.4f}"

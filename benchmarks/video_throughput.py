@@ -36,14 +36,14 @@ def measure_stages(video: Path, folder: Path, frames: int) -> dict[str, float]:
     cv2.setNumThreads(1)
     pipeline = Pipeline(SessionLoader(threads=1).load(), UpsamplingOptions())
     plan = plan_video(VideoRequest(str(video), video_destination(f"{folder}/", FORMATS)))
-    known, stages = KnownDepthOfFrames(plan.settings.anchors), tools.Stages()
+    known_depth, stages = KnownDepthOfFrames(plan.settings.anchors), tools.Stages()
     with VideoSource(video) as source, ExitStack() as stack:
         outputs = {
             format_: stack.enter_context(open_output(format_, plan, source, Guard.of([video])))
             for format_ in FORMATS
         }
         work = FramePredictor(
-            ImageJob(pipeline), plan.settings, known, FrameJournal(), source, 0, None
+            ImageJob(pipeline), plan.settings, known_depth, FrameJournal(), source, 0, None
         )
         smoothing, decoded = FrameFilter(plan.settings, work.kind), source.frames()
         work.predict(next(decoded))

@@ -40,8 +40,8 @@ def main() -> None:
     colours = mpl.rcParams["axes.prop_cycle"]
     axes.set_prop_cycle(plt.cycler(linestyle=["-", "--"]) * colours)
     for run in sorted(arguments.runs):
-        found = curve(run / "metrics.jsonl", arguments.metric)
-        axes.plot(*found, marker=".", label=run.name)
+        points = curve(run / "metrics.jsonl", arguments.metric)
+        axes.plot(*points, marker=".", label=run.name)
     axes.set(xlabel="share of the epochs", ylabel=f"{arguments.metric}, held-out scenes")
     axes.set_ylim(top=arguments.top)
     axes.grid(alpha=0.3)

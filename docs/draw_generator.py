@@ -41,18 +41,18 @@ def stages(network: ResnetGenerator) -> list[Stage]:
         "up2": ("3×3, ×2", "up"),
         "head": ("depth: 7×7, tanh", "input"),
     }
-    found = [Stage("V of HSV", "input", 1, SIZE_PX)]
+    layers = [Stage("V of HSV", "input", 1, SIZE_PX)]
     for name, (label, kind) in named.items():
 
         def keep(
             _module: object, _inputs: object, map_: Tensor, what: tuple[str, str] = (label, kind)
         ) -> None:
-            found.append(Stage(*what, map_.shape[1], map_.shape[-1]))
+            layers.append(Stage(*what, map_.shape[1], map_.shape[-1]))
 
         network.get_submodule(name).register_forward_hook(keep)
     with torch.inference_mode():
         network(torch.zeros(1, 1, SIZE_PX, SIZE_PX))
-    return found
+    return layers
 
 
 def draw(found: list[Stage], taps: dict[int, str], path: Path) -> None:
@@ -117,10 +117,10 @@ def draw(found: list[Stage], taps: dict[int, str], path: Path) -> None:
 def main() -> None:
     """Draw it as the paper has it: width 64, nine blocks."""
     mpl.rcParams |= {"svg.hashsalt": "depthcli", "svg.fonttype": "none"}
-    found = stages(ResnetGenerator(GeneratorConfig()))
+    layers = stages(ResnetGenerator(GeneratorConfig()))
     names = ["input", "stem", "down1", "down2", "block1", "block2", "block3", "block4", "block5"]
     taps = {names.index(tap): "●" for tap in ResnetGenerator.TAPS}
-    draw(found, taps, Path(__file__).with_name("generator.svg"))
+    draw(layers, taps, Path(__file__).with_name("generator.svg"))
 
 
 if __name__ == "__main__":

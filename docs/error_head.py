@@ -144,10 +144,10 @@ class Samples:
 
 def decoder_maps(network: onnx.ModelProto) -> list[str]:
     """Names of the decoder's maps, in int8 graphs after they are quantized."""
-    made = {name for node in network.graph.node for name in node.output}
+    outputs = {name for node in network.graph.node for name in node.output}
     plain = [f"/fusions.{i}/fusions.{i}.2/Relu_output_0" for i in range(len(CHANNELS))]
     stored = [f"{name}_DequantizeLinear_Output" for name in plain]
-    return [q if q in made else p for p, q in zip(plain, stored, strict=True)]
+    return [q if q in outputs else p for p, q in zip(plain, stored, strict=True)]
 
 
 def photographs(folder: Path, labels: Path) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -194,20 +194,20 @@ def train(head: ErrorHead, sources: Sequence[Samples], steps: int) -> None:
 def measure(head: ErrorHead, samples: Samples) -> tuple[float, float]:
     """Print how well the errors of held-out images are known; returns the line that mends them."""
     head.eval()
-    areas, stated, true = [], [], []
+    areas, expected, true = [], [], []
     for i in range(len(samples)):
         inputs, _ = samples.batch(torch.tensor([i]))
         size = samples.parts[2].shape[-2:]
         log_error = F.interpolate(head(*inputs), size=size, mode="bilinear").flatten()
         error = (samples.log_m(torch.tensor([i])) - samples.parts[2][i]).flatten().expm1().abs()
         areas.append(sparsification(error, log_error))
-        stated.append(log_error)
+        expected.append(log_error)
         true.append(error)
     print(
         f"area under the sparsification curve {np.mean(areas):.3f}, of all images together "
-        f"{sparsification(torch.cat(true), torch.cat(stated)):.3f} (random 1, true order 0)"
+        f"{sparsification(torch.cat(true), torch.cat(expected)):.3f} (random 1, true order 0)"
     )
-    log_errors, errors = torch.cat(stated), torch.cat(true)
+    log_errors, errors = torch.cat(expected), torch.cat(true)
     order = log_errors.argsort()
     groups = zip(log_errors[order].chunk(40), errors[order].chunk(40), strict=True)
     points = np.array([(x.mean(), y.mean().log()) for x, y in groups])
@@ -296,9 +296,9 @@ def write_card(model: Path, out: Path, line: tuple[float, float], steps: int) ->
         "line": line,
         "network": card["sha256"],
     }
-    kept = {name: card[name] for name in ("schema", "version", "license", "input", "onnx")}
+    shared = {name: card[name] for name in ("schema", "version", "license", "input", "onnx")}
     written = {
-        **kept,
+        **shared,
         "name": out.name,
         "summary": summary,
         "output": {"kind": "relative", "transform": "linear", "scale": 1.0, "shift": 0.0},

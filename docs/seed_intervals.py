@@ -21,8 +21,8 @@ def seed_intervals(report: EvalReport, name: str) -> EvalReport:
     for row in report.rows:
         if row.source is Source.MODEL:
             groups.setdefault(re.sub(r"-seed\d+$", "", row.name), []).append(row)
-    found = differences_from(name, groups, report.scenes)
-    return replace(report, rows=(), differences=found, scenes={})
+    intervals = differences_from(name, groups, report.scenes)
+    return replace(report, rows=(), differences=intervals, scenes={})
 
 
 if __name__ == "__main__":

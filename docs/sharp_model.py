@@ -178,8 +178,8 @@ def export(network: TwoScales, images: Path | None, out: Path, steps: int) -> No
     card["onnx"] = {"opset": OPSET, "ir": onnx.load_from_string(data).ir_version}
     card["training"] |= {"method": "docs/sharp_model.py", "seed": 0, "steps": steps}
     card["training"].pop("precision", None)
-    kept = {name: value for name, value in card.items() if value is not None}
-    (out / "card.json").write_text(json.dumps(kept, indent=2) + "\n")
+    filled = {name: value for name, value in card.items() if value is not None}
+    (out / "card.json").write_text(json.dumps(filled, indent=2) + "\n")
 
 
 def main() -> None:

@@ -43,9 +43,9 @@ def page() -> str:
 
 def of_several(commands: list[list[Any]]) -> dict[str, Any]:
     """The options that stand in several of the lists, by their items."""
-    found = [{item(p): p for p in each} for each in commands]
-    counts = Counter(text for each in found for text in each)
-    options = {text: p for each in reversed(found) for text, p in each.items()}
+    items = [{item(p): p for p in each} for each in commands]
+    counts = Counter(text for each in items for text in each)
+    options = {text: p for each in reversed(items) for text, p in each.items()}
     return {text: options[text] for text, count in counts.items() if count > 1}
 
 
@@ -99,9 +99,9 @@ def panel(parameter: Any) -> str:  # noqa: ANN401 - typer's own types
 
 def grouped_items(parameters: Iterable[Any]) -> Iterator[str]:
     """The items of the parameters, each group below its heading; the usual options come first."""
-    found = list(parameters)
-    for group in dict.fromkeys([USUAL, *map(panel, found)]):
-        items = [item(p) for p in found if panel(p) == group]
+    options = list(parameters)
+    for group in dict.fromkeys([USUAL, *map(panel, options)]):
+        items = [item(p) for p in options if panel(p) == group]
         yield from items if group == USUAL else [f"\n**{group}**\n", *items]
 
 

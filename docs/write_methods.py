@@ -38,34 +38,34 @@ _Row = dict[str, str]
 
 def rows(align: str) -> dict[str, list[_Row]]:
     """The rows of each method or control, one a seed."""
-    found: dict[str, list[_Row]] = {}
+    by_method: dict[str, list[_Row]] = {}
     for file_name in ("table-seed0.csv", "table-seed1.csv"):
         with (RESULTS / file_name).open(encoding="utf-8", newline="") as file:
             for row in csv.DictReader(file):
                 name = re.sub(r"-seed\d+$", "", row["name"])
                 is_old = file_name == "table-seed0.csv" and name in TRAINED_AGAIN
                 if row["align"] == align and row["source"] != "published" and not is_old:
-                    found.setdefault(name, []).append(row)
-    return found | {name: found[name][:1] for name in MEANS}
+                    by_method.setdefault(name, []).append(row)
+    return by_method | {name: by_method[name][:1] for name in MEANS}
 
 
 def cell(row: list[_Row], metric: str) -> str:
     """Mean over seeds, and ± where there are several."""
-    decimals, values = METRICS[metric], [float(one[metric]) for one in row]
+    decimals, values = METRICS[metric], [float(value[metric]) for value in row]
     text = _number(statistics.mean(values), decimals)
     return text if len(values) == 1 else f"{text} ± {_number(statistics.stdev(values), decimals)}"
 
 
 def table() -> str:
     """The scores in Markdown, without alignment and scaled to the median."""
-    found, scaled = rows("none"), rows("median")
+    parts, scaled = rows("none"), rows("median")
     texts = {name: (name, "") for name in MEANS}
     texts |= {name: (f"`{name}`", "no") for name in BASELINES}
     texts |= {"proposed": ("**`proposed`**", "used")} | CONTROLS
     lines = [["row", "pairs", *METRICS, *(f"{metric}, scaled" for metric in METRICS)]]
     lines.append(["---"] * len(lines[0]))
     for name, (text, used) in texts.items():
-        cells = [cell(each[name], metric) for each in (found, scaled) for metric in METRICS]
+        cells = [cell(each[name], metric) for each in (parts, scaled) for metric in METRICS]
         lines.append([text, used, *cells])
     return _markdown(lines)
 
@@ -73,18 +73,18 @@ def table() -> str:
 def intervals(file_name: str, head: str, scaled: tuple[str, ...] = ()) -> str:
     """The differences of `proposed` from each other row, without alignment and ``scaled``."""
     differences = json.loads((RESULTS / file_name).read_text("utf-8"))["differences"]
-    found: dict[str, dict[str, dict[str, dict[str, float]]]] = {"none": {}, "median": {}}
+    by_scaling: dict[str, dict[str, dict[str, dict[str, float]]]] = {"none": {}, "median": {}}
     for one in differences:
-        found[one["align"]][one["minus"].removesuffix("-seed1")] = one["intervals"]
+        by_scaling[one["align"]][one["minus"].removesuffix("-seed1")] = one["intervals"]
     lines = [[head, *METRICS, *(f"{metric}, scaled" for metric in scaled)]]
     lines.append(["---"] * len(lines[0]))
     texts = {"per-pixel mean": "per-pixel mean"}
     if scaled:  # over both seeds; the page has each baseline once
         texts |= {name: f"`{name}`" for name in BASELINES}
     for name, text in (texts | {name: text for name, (text, _) in CONTROLS.items()}).items():
-        if name in found["none"]:
-            cells = [_interval(found["none"][name][metric]) for metric in METRICS]
-            more = (_interval(found["median"][name][metric]) for metric in scaled)
+        if name in by_scaling["none"]:
+            cells = [_interval(by_scaling["none"][name][metric]) for metric in METRICS]
+            more = (_interval(by_scaling["median"][name][metric]) for metric in scaled)
             lines.append([text, *cells, *more])
     return _markdown(lines)
 
@@ -92,14 +92,14 @@ def intervals(file_name: str, head: str, scaled: tuple[str, ...] = ()) -> str:
 def test_rows(align: str) -> dict[str, _Row]:
     """The scores on the paper's 449 test pairs by name, without ``-seed1``."""
     with (RESULTS / "test-449.csv").open(encoding="utf-8", newline="") as file:
-        found = [row for row in csv.DictReader(file) if row["align"] == align]
-    return {row["name"].removesuffix("-seed1"): row for row in found}
+        matching = [row for row in csv.DictReader(file) if row["align"] == align]
+    return {row["name"].removesuffix("-seed1"): row for row in matching}
 
 
 def benchmark() -> str:
     """The paper's figures beside ours, on the test pairs and on validation."""
     paper = {row.name.split()[0].lower(): row.scores for row in PUBLISHED}
-    found, scaled = test_rows("none"), test_rows("median")
+    parts, scaled = test_rows("none"), test_rows("median")
     validation = rows("none"), rows("median")
     columns = ["paper", "here", "here, scaled", "here, validation", "validation, scaled"]
     lines = [["row", *columns], ["---"] * (1 + len(columns))]
@@ -107,7 +107,7 @@ def benchmark() -> str:
     names |= {"proposed": "**`proposed`**"} | {name: text for name, (text, _) in CONTROLS.items()}
     for name, text in names.items():
         cells = [_scores(dict(paper[name].items())) if name in paper else ""]
-        cells += [_scores(each[name]) for each in (found, scaled)]
+        cells += [_scores(each[name]) for each in (parts, scaled)]
         lines.append([text, *cells, *(_first_seed(each[name]) for each in validation)])
     return _markdown(lines)
 
@@ -118,11 +118,11 @@ def test_table() -> str:
     lines = [["row", "source", *metrics], ["---"] * (2 + len(metrics))]
     paper = {row.name.split()[0].lower(): dict(row.scores.items()) for row in PUBLISHED}
     scaled = test_rows("median")
-    for name, found in test_rows("none").items():
+    for name, names in test_rows("none").items():
         sources = {"paper": paper[name]} if name in paper else {}
-        for source, row in (sources | {"here": found, "scaled": scaled[name]}).items():
+        for source, row in (sources | {"here": names, "scaled": scaled[name]}).items():
             scores = (_number(float(row[metric]), 4) for metric in metrics)
-            lines.append([f"`{found['name']}`", source, *scores])
+            lines.append([f"`{names['name']}`", source, *scores])
     return _markdown(lines)
 
 

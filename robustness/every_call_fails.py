@@ -57,11 +57,11 @@ def main() -> int:
     parser.add_argument("--calls", default=",".join(CALLS))
     parser.add_argument("--errors", default=",".join(NAMES))
     parser.add_argument("--all", action="store_true", help="also those from the same place")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="faults-") as name:
         if _LIBRARY not in os.environ:
             return _preloaded(Path(name))
-        return _run(asked, Path(name))
+        return _run(options, Path(name))
 
 
 def _preloaded(folder: Path) -> int:
@@ -149,13 +149,13 @@ class Trial:
         done = self._injector.run(self._command.words, self._folder, fault)
         if not done.where:
             return  # in another order of threads there was no such call
-        found = self._contents(self._folder)
-        yield from (f"{problem} ({done.where})" for problem in self._said(done, found))
-        for name, content in found.items():
+        files = self._contents(self._folder)
+        yield from (f"{problem} ({done.where})" for problem in self._said(done, files))
+        for name, content in files.items():
             # What a run has done so far is another matter than half of it.
             may_grow = name in {"manifest.jsonl", "metrics.jsonl", "last.ckpt", "best.ckpt"}
-            known = content in (self._whole.get(name), self._before.get(name, b""))
-            if content is None or not (known or may_grow):
+            is_whole = content in (self._whole.get(name), self._before.get(name, b""))
+            if content is None or not (is_whole or may_grow):
                 yield f"{name} is half ({done.where})"
         state = faulty_commands.state(self._folder)
         if state not in self._known:
@@ -167,15 +167,15 @@ class Trial:
     def _again(self) -> Iterator[str]:
         """What falls short of the same command without a fault."""
         again = self._injector.run(self._command.words, self._folder)
-        found = self._contents(self._folder)
+        files = self._contents(self._folder)
         if again.code != 0:
             # What was done in spite of the fault may refuse, as a usage error, to be done twice.
-            if again.code != _USAGE or not self._whole.items() <= found.items():
+            if again.code != _USAGE or not self._whole.items() <= files.items():
                 yield f"the next run ends with {again.code}: {again.err.strip()}"
             return
-        if found != self._whole:
+        if files != self._whole:
             others = {
-                name for name in {*found, *self._whole} if found.get(name) != self._whole.get(name)
+                name for name in {*files, *self._whole} if files.get(name) != self._whole.get(name)
             }
             yield f"the next run leaves other bytes: {sorted(others)}"
         if left := faulty_commands.hidden(self._folder):

@@ -62,8 +62,8 @@ def problem(target: str, path: Path) -> tuple[str, str] | None:
         return None  # of brackets in brackets that no program writes: Python's own error is enough
     except Exception as error:  # noqa: BLE001 - which is what is looked for
         frames = traceback.extract_tb(error.__traceback__)
-        own = [frame for frame in frames if "/depthcli/" in frame.filename] or frames[-1:]
-        place = f"{Path(own[-1].filename).name}:{own[-1].lineno}"
+        of_depthcli = [frame for frame in frames if "/depthcli/" in frame.filename] or frames[-1:]
+        place = f"{Path(of_depthcli[-1].filename).name}:{of_depthcli[-1].lineno}"
         return f"{type(error).__name__}: {str(error)[:300]}", place
     return None
 
@@ -87,27 +87,27 @@ def _work(target: str, numbers: range, results: Connection) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGVTALRM, signal.SIG_DFL)
     warnings.simplefilter("ignore", ResourceWarning)
-    with tempfile.TemporaryFile() as said:
-        os.dup2(said.fileno(), 2)
+    with tempfile.TemporaryFile() as stderr:
+        os.dup2(stderr.fileno(), 2)
         for number in numbers:
             results.send(number)
             with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
                 path = file_of(target, number, Path(folder))
                 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
                 signal.setitimer(signal.ITIMER_VIRTUAL, _MAX_CPU_S)
-                found = problem(target, path)
+                failure = problem(target, path)
                 signal.setitimer(signal.ITIMER_VIRTUAL, 0)
                 grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-            if found is None and grown > _MAX_GROWTH_KIB:
-                found = f"took {grown // 1024} MiB", "memory"
-            said.seek(0)
-            spoken = [line for line in said.read().splitlines() if not OF_LIBRARIES.match(line)]
-            said.truncate(0)
-            said.seek(0)
-            if found is None and spoken:
-                found = f"spoke: {spoken[0][:300]!r}", "standard error"
-            if found is not None:
-                results.send(Finding(target, number, *found))
+            if failure is None and grown > _MAX_GROWTH_KIB:
+                failure = f"took {grown // 1024} MiB", "memory"
+            stderr.seek(0)
+            spoken = [line for line in stderr.read().splitlines() if not OF_LIBRARIES.match(line)]
+            stderr.truncate(0)
+            stderr.seek(0)
+            if failure is None and spoken:
+                failure = f"spoke: {spoken[0][:300]!r}", "standard error"
+            if failure is not None:
+                results.send(Finding(target, number, *failure))
     results.send(None)
 
 
@@ -124,14 +124,14 @@ def findings(target: str, numbers: range) -> Iterator[Finding]:
         at, is_done = first - 1, False
         try:
             while ours.poll(_MAX_WALL_S):
-                told: Any = ours.recv()
-                if told is None:
+                message: Any = ours.recv()
+                if message is None:
                     is_done = True
                     break
-                if isinstance(told, Finding):
-                    yield told
+                if isinstance(message, Finding):
+                    yield message
                 else:
-                    at = told
+                    at = message
         except EOFError:
             pass
         if not is_done and worker.is_alive() and not ours.poll(1):
@@ -153,24 +153,24 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first of each target")
     parser.add_argument("--only", nargs="*", default=[*TARGETS], help="targets")
     parser.add_argument("--out", type=Path, default=Path("fuzz-findings"))
-    asked = parser.parse_args()
+    options = parser.parse_args()
     cv2.setNumThreads(1)  # threads of a pool would not be there in a worker
-    total = sum(TARGETS[name].share for name in asked.only)
-    seen: Counter[tuple[str, str]] = Counter()
+    total = sum(TARGETS[name].share for name in options.only)
+    counts: Counter[tuple[str, str]] = Counter()
     run = 0
-    for name in asked.only:
-        count = max(1, round(asked.mutants * TARGETS[name].share / total))
-        for found in findings(name, range(asked.first, asked.first + count)):
-            seen[name, found.place] += 1
-            if seen[name, found.place] == 1:
-                folder = asked.out / name / str(found.number)
+    for name in options.only:
+        count = max(1, round(options.mutants * TARGETS[name].share / total))
+        for failures in findings(name, range(options.first, options.first + count)):
+            counts[name, failures.place] += 1
+            if counts[name, failures.place] == 1:
+                folder = options.out / name / str(failures.number)
                 folder.mkdir(parents=True, exist_ok=True)
-                file_of(name, found.number, folder)
-                print(f"{name} {found.number}: {found.what} ({found.place})", flush=True)
+                file_of(name, failures.number, folder)
+                print(f"{name} {failures.number}: {failures.what} ({failures.place})", flush=True)
         run += count
         print(f"{name}: {count} mutants", flush=True)
-    kinds = len(seen)
-    print(f"{run} mutants, {seen.total()} findings of {kinds} kinds")
+    kinds = len(counts)
+    print(f"{run} mutants, {counts.total()} findings of {kinds} kinds")
     return min(kinds, 1)
 
 

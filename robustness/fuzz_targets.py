@@ -102,18 +102,18 @@ def _jpegs() -> list[bytes]:
 
 def _pngs() -> list[bytes]:
     deep = cv2.imencode(".png", _pixels().astype(np.uint16) * 257)[1].tobytes()
-    made = [_saved("PNG", mode) for mode in ("RGB", "RGBA", "P", "1", "LA")]
-    return [_saved("PNG", exif=_exif(), icc_profile=b"none"), deep, *made]
+    files = [_saved("PNG", mode) for mode in ("RGB", "RGBA", "P", "1", "LA")]
+    return [_saved("PNG", exif=_exif(), icc_profile=b"none"), deep, *files]
 
 
 def _tiffs() -> list[bytes]:
     codings = ("raw", "tiff_lzw", "tiff_adobe_deflate", "packbits", "jpeg")
-    made = [_saved("TIFF", compression=coding) for coding in codings]
+    files = [_saved("TIFF", compression=coding) for coding in codings]
     deep = [
         cv2.imencode(".tiff", (_pixels() / 255).astype(kind))[1].tobytes()
         for kind in (np.float32, np.uint16)
     ]
-    return [*made, *deep, _saved("TIFF", "1", compression="group4"), _saved("TIFF", big_tiff=True)]
+    return [*files, *deep, _saved("TIFF", "1", compression="group4"), _saved("TIFF", big_tiff=True)]
 
 
 def _webps() -> list[bytes]:
@@ -130,13 +130,13 @@ def _avifs() -> list[bytes]:
 def _heics() -> list[bytes]:
     colours = _pixels()
     deep = heic(colours.astype(np.uint16) * 257)
-    made = [heic(colours, exif=_exif()), heic(colours, tile_size=64), heic(colours[..., 0])]
-    return [*made, deep, heic(np.dstack([colours, colours[..., :1]])), heic(colours, colours)]
+    files = [heic(colours, exif=_exif()), heic(colours, tile_size=64), heic(colours[..., 0])]
+    return [*files, deep, heic(np.dstack([colours, colours[..., :1]])), heic(colours, colours)]
 
 
 def _other_images() -> list[bytes]:
-    made = [_saved("BMP", mode) for mode in ("RGB", "P", "1", "RGBA")]
-    return [*made, _saved("GIF", "P"), _saved("PPM"), _saved("PPM", "L"), b"P2 2 2 9 1 2 3 4\n"]
+    files = [_saved("BMP", mode) for mode in ("RGB", "P", "1", "RGBA")]
+    return [*files, _saved("GIF", "P"), _saved("PPM"), _saved("PPM", "L"), b"P2 2 2 9 1 2 3 4\n"]
 
 
 def _depth() -> DepthMap:
@@ -163,8 +163,8 @@ def _depth_pngs() -> list[bytes]:
 
 
 def _exrs() -> list[bytes]:
-    made = [_written(ExrWriter(), "a.exr"), _written(ExrWriter(half=True), "a.exr")]
-    return [*made, *_plates()]
+    files = [_written(ExrWriter(), "a.exr"), _written(ExrWriter(half=True), "a.exr")]
+    return [*files, *_plates()]
 
 
 def _plates() -> list[bytes]:
@@ -181,11 +181,11 @@ def _exr_images() -> list[bytes]:
     gray = {"Y": light["R"].astype(np.float16)}
     windows = Window(-4, 0, 9, 8), Window(0, 0, 8, 8)
     with TemporaryDirectory() as folder:
-        path, made = Path(folder) / "a.exr", []
+        path, files = Path(folder) / "a.exr", []
         for channels in (light, gray):
             write_exr(path, channels, {}, Fraction(24), pixel_aspect=2.0, windows=windows)
-            made.append(path.read_bytes())
-    return made
+            files.append(path.read_bytes())
+    return files
 
 
 def _read_exr_image(path: Path) -> None:
@@ -205,12 +205,12 @@ def _flat_exr() -> bytes:
 
 
 def _npys() -> list[bytes]:
-    made = []
+    files = []
     for values in (_depth().values, _depth().values[None].astype(np.float64), np.zeros((3, 0))):
         file = io.BytesIO()
         np.save(file, values)
-        made.append(file.getvalue())
-    return made
+        files.append(file.getvalue())
+    return files
 
 
 def _sidecars() -> list[bytes]:
@@ -233,15 +233,15 @@ def _calibrations() -> list[bytes]:
         b"camera_matrix:\n  rows: 3\n  cols: 3\n  data: [431.5, 0, 3, 0, 431.5, 250.7, 0, 0, 1]\n"
     )
     more = b"D: [0.1, 0.0]\nP: [400, 0, 3, 0, 0, 400, 250, 0, 0, 0, 1, 0]\n---\n"
-    made = [b"image_width: 640\nimage_height: 480\n" + matrix + more]
+    files = [b"image_width: 640\nimage_height: 480\n" + matrix + more]
     for suffix in (".yml", ".xml", ".json"):
         file = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
         file.write("image_width", 640)
         file.write("image_height", 480)
         file.write("camera_matrix", np.array([[400.0, 0, 320], [0, 400, 240], [0, 0, 1]]))
         file.write("distortion_coefficients", np.zeros((1, 5)))
-        made.append(file.releaseAndGetString().encode())
-    return made
+        files.append(file.releaseAndGetString().encode())
+    return files
 
 
 def _read_calibration(path: Path) -> None:
@@ -364,13 +364,13 @@ def _manifests() -> list[bytes]:
 
 def _path_tables() -> list[bytes]:
     """Lists of paths in Parquet, in other codings, too."""
-    made = []
+    files = []
     names = [f"{number}/a.png" for number in range(40)]
     for options in ({}, {"compression": "none", "use_dictionary": False}, {"version": "1.0"}):
         file = io.BytesIO()
         parquet.write_table(pa.table({"path": names}), file, **options)
-        made.append(file.getvalue())
-    return made
+        files.append(file.getvalue())
+    return files
 
 
 def _batch(path: Path) -> None:
@@ -384,9 +384,9 @@ def _batch(path: Path) -> None:
     for name in ("manifest.jsonl", ".depthcli-batch.jsonl"):
         (path.parent / "out" / name).write_bytes(path.read_bytes())
         done = cli("batch", "in", "--out", "out", "--quiet")
-        said = done.stderr.decode("utf-8", "surrogateescape")
-        if UNEXPECTED.search(said) or done.returncode not in {0, 2}:
-            raise RuntimeError(f"{done.returncode}: {said[:500]}")
+        stderr = done.stderr.decode("utf-8", "surrogateescape")
+        if UNEXPECTED.search(stderr) or done.returncode not in {0, 2}:
+            raise RuntimeError(f"{done.returncode}: {stderr[:500]}")
 
 
 def _read_journal(path: Path) -> None:
@@ -398,8 +398,8 @@ def _image(path: Path) -> None:
 
 
 def _all_images() -> list[bytes]:
-    made = [_jpegs, _pngs, _tiffs, _webps, _avifs, _heics, _other_images]
-    return [seed for seeds in made for seed in seeds()]
+    makers = [_jpegs, _pngs, _tiffs, _webps, _avifs, _heics, _other_images]
+    return [seed for seeds in makers for seed in seeds()]
 
 
 def _exr_or_facts(path: Path) -> None:

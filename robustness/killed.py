@@ -182,7 +182,7 @@ def attack(
         All that fell short, a line each.
     """
     rng = random.Random(seed)  # noqa: S311 - to be repeated, not to be secret
-    known: dict[tuple[str, bool], tuple[float, dict[str, object]]] = {}
+    expected: dict[tuple[str, bool], tuple[float, dict[str, object]]] = {}
     ends: Counter[tuple[str, str, str]] = Counter()
     shortfalls = []
     for moment in range(moments):
@@ -192,16 +192,16 @@ def attack(
         if name == "export" and not (cli.folder / "last.ckpt").exists():
             unbroken(cli, JOBS["train"])
             shutil.copy(cli.folder / "out/last.ckpt", cli.folder)
-        if (name, cold) not in known:
-            known[name, cold] = unbroken(cli, job, cold=cold)
+        if (name, cold) not in expected:
+            expected[name, cold] = unbroken(cli, job, cold=cold)
         end = None
         while end is None:
-            seconds, wanted = known[name, cold]
+            seconds, wanted = expected[name, cold]
             fresh(cli)
             start_s = time.monotonic()
             end = ended(cli, started(cli, job, cold=cold), number, part * seconds)
             if end is None:  # the machine is less busy than it was
-                known[name, cold] = time.monotonic() - start_s, wanted
+                expected[name, cold] = time.monotonic() - start_s, wanted
         code, faults = end
         ends[name, number.name, code] += 1
         faults += resumed(cli, job, wanted, cold=cold)
@@ -222,16 +222,16 @@ def main() -> int:
     parser.add_argument("--moments", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", default=",".join(JOBS))
-    asked = parser.parse_args()
-    names = tuple(asked.jobs.split(","))
+    options = parser.parse_args()
+    names = tuple(options.jobs.split(","))
     for name in names:
         load(COMMANDS[JOBS[name].words[0].partition("-")[0]])
     with tempfile.TemporaryDirectory() as folder:
         in_a_fork(lambda: room(Path(folder), names))
         cli = Cli(ROOT, Path(folder), Path(folder) / "models")
-        shortfalls = attack(cli, names, asked.moments, asked.seed)
+        shortfalls = attack(cli, names, options.moments, options.seed)
     print(*shortfalls, sep="\n")
-    print(f"{asked.moments} moments, {len(shortfalls)} shortfalls")
+    print(f"{options.moments} moments, {len(shortfalls)} shortfalls")
     return 1 if shortfalls else 0
 
 

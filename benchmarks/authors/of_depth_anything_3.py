@@ -67,7 +67,7 @@ def build(card: str) -> Authors:
 
     example = prepare(sample())[None]
     last = model.head.scratch.output_conv2
-    layers = [one for one in last.modules() if isinstance(one, torch.nn.Conv2d)]
+    layers = [module for module in last.modules() if isinstance(module, torch.nn.Conv2d)]
     spread(layers[-1], lambda: model(example), 1, 0.3)
     if has_sky:
         spread(model.head.scratch.sky_output_conv2[2], lambda: model(example), 0.25, 0.1)

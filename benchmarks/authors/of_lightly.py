@@ -31,7 +31,7 @@ def build(card: str) -> Authors:
         ground = outputs[1].numpy().reshape(outputs[1].shape[-2:]) < 0.3
         raw = outputs[0].reshape(ground.shape)
         facts = {"orig_h": rgb.shape[0], "orig_w": rgb.shape[1]}
-        found = {"raw": np.where(ground, raw.numpy(), np.nan), "ground": ground}
+        arrays = {"raw": np.where(ground, raw.numpy(), np.nan), "ground": ground}
         if "metric" in card:
             camera = torch.diag(torch.tensor([FOCAL_PX, FOCAL_PX, 1.0]))
             side = model.image_size
@@ -42,12 +42,12 @@ def build(card: str) -> Authors:
                 proc_h=side,
                 proc_w=side,
             )
-            found |= {"focal_px": FOCAL_PX}
-        maps = tuple(one.reshape(1, 1, *ground.shape) for one in outputs)
+            arrays |= {"focal_px": FOCAL_PX}
+        maps = tuple(output.reshape(1, 1, *ground.shape) for output in outputs)
         (full,) = model.postprocess(maps, [facts])
         enlarged = torch.nn.functional.interpolate(
             torch.tensor(ground, dtype=torch.float32)[None, None], rgb.shape[:2], mode="bilinear"
         )
-        return found | {"full": full, "at": enlarged[0, 0] == 1}
+        return arrays | {"full": full, "at": enlarged[0, 0] == 1}
 
     return Authors(model, ("depth", "sky"), prepare, finish)

@@ -51,8 +51,8 @@ def build(card: str) -> Authors:
         """The whole of their ``predict``."""
         del outputs
         bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-        (found,) = yolo.predict(bgr, imgsz=SIDE, verbose=False, device="cpu")
-        depth = found.depth
+        (results,) = yolo.predict(bgr, imgsz=SIDE, verbose=False, device="cpu")
+        depth = results.depth
         return {"full": np.asarray(getattr(depth, "data", depth)).squeeze()}
 
     return Authors(Exported(model), ("depth",), prepare, finish, is_finished_alone=False)

@@ -71,9 +71,9 @@ def run(authors: Authors, images: list[Path], where: Path) -> None:
         more = [known_depth(*KNOWN_SIZE)] if authors.known else []
         outputs = authors.network(image, *more)
         outputs = outputs if isinstance(outputs, tuple) else (outputs,)
-        found = {"raw": outputs[0], **authors.finish(outputs, rgb)}
-        found |= {"known": more[0][0, 0]} if more else {}
-        np.savez(where / f"{path.stem}.npz", **{k: np.asarray(v) for k, v in found.items()})
+        arrays = {"raw": outputs[0], **authors.finish(outputs, rgb)}
+        arrays |= {"known": more[0][0, 0]} if more else {}
+        np.savez(where / f"{path.stem}.npz", **{k: np.asarray(v) for k, v in arrays.items()})
         file = where / "{}x{}.onnx".format(*image.shape[-2:])
         if not file.exists():
             export(authors, (image, *more), file)
@@ -118,18 +118,18 @@ def keep(authors: Authors, file: Path) -> None:
     image = authors.prepare(rgb)
     more = [known_depth(23, 16)] if authors.known else []
     outputs = tiny(image, *more)
-    found = {"raw": outputs[0]} | (
+    arrays = {"raw": outputs[0]} | (
         authors.finish(outputs, rgb) if authors.is_finished_alone else {}
     )
-    found |= {"known": more[0][0, 0]} if more else {}
-    kept = {name: np.asarray(value) for name, value in found.items()}
-    for name in {"raw", "ground", "metres"} & kept.keys():
-        kept[name] = kept[name].reshape(kept[name].shape[-2:])[::KEPT_STEP, ::KEPT_STEP]
+    arrays |= {"known": more[0][0, 0]} if more else {}
+    thinned = {name: np.asarray(value) for name, value in arrays.items()}
+    for name in {"raw", "ground", "metres"} & thinned.keys():
+        thinned[name] = thinned[name].reshape(thinned[name].shape[-2:])[::KEPT_STEP, ::KEPT_STEP]
     graph = BytesIO()
     only = authors._replace(network=tiny)
     export(only, (image, *more), graph, dynamic_axes={"image": [2, 3]})
     onnx = np.frombuffer(graph.getvalue(), np.uint8)
-    np.savez_compressed(file, picture=rgb, onnx=onnx, size=image.shape[-2:], **kept)
+    np.savez_compressed(file, picture=rgb, onnx=onnx, size=image.shape[-2:], **thinned)
 
 
 def export(
@@ -178,11 +178,11 @@ def randomize(network: torch.nn.Module) -> torch.nn.Module:
 
 def spread(last: torch.nn.Module, run: Callable[[], object], mean: float, deviation: float) -> None:
     """Rescale the last layer, so that ``run()`` gives it outputs of this mean and deviation."""
-    seen: list[torch.Tensor] = []
-    hook = last.register_forward_hook(lambda _module, _args, out: seen.append(out))
+    recorded: list[torch.Tensor] = []
+    hook = last.register_forward_hook(lambda _module, _args, out: recorded.append(out))
     run()
     hook.remove()
-    values = seen[-1]
+    values = recorded[-1]
     factor = deviation / values.std()
     last.weight *= factor
     last.bias.copy_((last.bias - values.mean()) * factor + mean)

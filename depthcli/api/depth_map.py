@@ -290,8 +290,8 @@ class DepthMap(types.DepthMap):
             file = Path(str(getattr(path, "name", "an open file without a name")))
         name = table.format_of(file)
         if name is None:
-            known = ", ".join(table.FILE_SUFFIXES)
-            raise UsageError(f"{file} has no suffix that selects a format; use {known}")
+            suffixes = ", ".join(table.FILE_SUFFIXES)
+            raise UsageError(f"{file} has no suffix that selects a format; use {suffixes}")
         if not isinstance(path, (str, os.PathLike)):
             data, messages = self._encoded(name, options)
             path.write(data)
@@ -338,21 +338,21 @@ def known_depth_of(anchors: Anchors, fit: str | None) -> KnownDepth:
     if isinstance(anchors, types.DepthMap):
         if not anchors.is_metric:
             raise UsageError(f"known depth is in metres, and {anchors.kind} depth has none")
-        known = KnownDepth.of_map(anchors.values)
+        points = KnownDepth.of_map(anchors.values)
     elif not isinstance(anchors, np.ndarray):
         try:
             rows = np.array([(x, y, depth_m) for x, y, depth_m in anchors], float).reshape(-1, 3)
         except (TypeError, ValueError) as error:
             problem = f"anchors are (column, row, metres), not {short_repr(anchors)}"
             raise UsageError(problem) from error
-        known = KnownDepth.of_table(rows)
+        points = KnownDepth.of_table(rows)
     elif anchors.shape[1:] == (_COLUMNS,) and anchors.dtype.kind in "fiu":
-        known = KnownDepth.of_table(anchors)
+        points = KnownDepth.of_table(anchors)
     elif anchors.ndim == _RANK and anchors.dtype.kind == "f":
-        known = KnownDepth.of_map(anchors).doubted()
+        points = KnownDepth.of_map(anchors).doubted()
     else:
         raise UsageError(
             "an array of anchors is (N, 3) numbers of column, row, metres, or (H, W) float metres, "
             f"not {anchors.shape} {anchors.dtype}"
         )
-    return replace(known, fit=None if fit is None else chosen(DepthFit, fit, "the fit"))
+    return replace(points, fit=None if fit is None else chosen(DepthFit, fit, "the fit"))

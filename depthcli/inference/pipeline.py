@@ -126,7 +126,7 @@ class Pipeline:
             problem = f"the error of depth of model {self.card.name!r} is not known"
             raise InputError(problem, "leave {error} out")
         layouts = [layout for _, layout in prepared]
-        known_points = [self._for_network(*one) for one in zip(frames, known_depth, strict=True)]
+        known_points = [self._for_network(*each) for each in zip(frames, known_depth, strict=True)]
         prompts = [
             None if points is None else transforms.prompt_input(self.card, points, frame, layout)
             for frame, layout, points in zip(frames, layouts, known_points, strict=True)
@@ -135,7 +135,7 @@ class Pipeline:
         raws = self._run([single for single, _ in prepared], prompts, matrices)
         estimates = map(self._model_depth, frames, raws, layouts, lens, known_points)
         parts = zip(estimates, frames, known_depth, strict=True)
-        return [_finished(one, f, points, followed) for (one, followed), f, points in parts]
+        return [_finished(done, f, points, followed) for (done, followed), f, points in parts]
 
     def _alone(
         self, frame: types.Frame, camera: Intrinsics, known_depth: KnownDepth | None

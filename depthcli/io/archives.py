@@ -82,9 +82,9 @@ def _tar_members(path: Path, column: str | None) -> Iterator[Member]:
             for entry in archive:
                 folder, _, name = entry.name.rpartition("/")
                 key, _, extension = name.partition(".")
-                wanted = extension == column if column else "." not in extension
+                is_chosen = extension == column if column else "." not in extension
                 is_image = media.is_media(name) or media.is_exr(name)
-                if entry.isfile() and wanted and is_image and (folder, key) != last:
+                if entry.isfile() and is_chosen and is_image and (folder, key) != last:
                     last, file = (folder, key), archive.extractfile(entry)
                     yield Member(entry.name, file.read() if file else None)
             raw: Any = archive.fileobj

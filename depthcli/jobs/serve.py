@@ -245,12 +245,12 @@ class DepthServer:
         """The encoded depth of an image and what is known of it; runs in a thread."""
         (_, image), *others = sent
         with temporary_folder() as folder:
-            known = None
+            known_depth = None
             for name, data in others:  # at most one, of which only the kind is the client's
                 path = folder / (_KNOWN + "".join(PurePath(name).suffixes[-2:]).lower())
                 path.write_bytes(data)
-                known = str(path)
-            options = self._parse(query, known)
+                known_depth = str(path)
+            options = self._parse(query, known_depth)
             limited = replace(options, max_pixels=self.limits.max_pixels)
             frame, points = limited.read(None, image, "the request"), options.known_points()
         job, body = ImageJob(Pipeline(self.session, options.detail), options.writing), BytesIO()

@@ -236,10 +236,10 @@ def read_image(
 
 def masked(frame: Frame, alpha: AnyArray) -> Frame:
     """The frame without what is transparent in it."""
-    found = fill_transparent(frame.pixels, alpha)
-    if found is None:
+    filled = fill_transparent(frame.pixels, alpha)
+    if filled is None:
         return frame
-    pixels, hidden = found
+    pixels, hidden = filled
     problem = f"{hidden.mean():.0%} of the pixels are transparent and get no depth"
     warning = Message(problem, "give {ignore_alpha} to use their colours")
     return replace(frame, pixels=pixels, transparent=hidden, warnings=(*frame.warnings, warning))

@@ -86,10 +86,10 @@ def _range_of(answer: Any, start: int) -> tuple[int, int]:  # noqa: ANN401
     """First byte of an answer, and the size of the whole file; OSError if another range came."""
     if answer.status != _PARTIAL:
         return 0, _size(answer)
-    stated = _RANGE.match(answer.headers.get("Content-Range", ""))
-    if stated is None or int(stated[1]) != start:
+    match = _RANGE.match(answer.headers.get("Content-Range", ""))
+    if match is None or int(match[1]) != start:
         raise OSError(errno.EIO, "the server answers with another part of it; try again later")
-    return start, int(stated[2]) if stated[2] else start + _size(answer)
+    return start, int(match[2]) if match[2] else start + _size(answer)
 
 
 def _opened(url: str, headers: dict[str, str] | None = None, method: str = "GET") -> Any:  # noqa: ANN401

@@ -42,10 +42,10 @@ def path_of(name: str | os.PathLike[str]) -> Path:
     if isinstance(name, Path):
         return name
     text = os.fspath(name)
-    found = _SCHEME.match(text)
-    if found is None:
+    match = _SCHEME.match(text)
+    if match is None:
         return Path(text)
-    scheme = found[1].lower()
+    scheme = match[1].lower()
     if scheme == "file":
         parts = urlsplit(text)
         if parts.netloc not in {"", "localhost"}:
@@ -53,10 +53,10 @@ def path_of(name: str | os.PathLike[str]) -> Path:
         return Path(unquote(parts.path))
     if scheme not in SCHEMES:
         raise UsageError(
-            f"{objects.masked(text)}: unknown scheme {found[1]}://; use "
+            f"{objects.masked(text)}: unknown scheme {match[1]}://; use "
             f"{'://, '.join(SCHEMES)}:// or file://, or copy it to a local folder"
         )
-    rest, _, query = text[found.end() :].partition("?" if scheme in _HTTP else "\0")
+    rest, _, query = text[match.end() :].partition("?" if scheme in _HTTP else "\0")
     if rest.startswith("/") or not rest:
         where = "host" if scheme in _HTTP else "bucket"
         raise UsageError(f"{objects.masked(text)} has no {where}; write {scheme}://{where}/name")

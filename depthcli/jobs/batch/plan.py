@@ -250,13 +250,13 @@ def changes_of(
             if not (changes or since_s or is_first):
                 continue
             is_first, now_s, present = False, time.monotonic(), stamps()
-            since_s = {file: since_s.get(file, now_s) for file in present.items() - seen.items()}
+            since_s = {file: since_s.get(file, now_s) for file in present.items() - done.items()}
             settled = dict(file for file, at_s in since_s.items() if now_s - at_s >= _SETTLE_S)
-            seen.update(settled)
+            done.update(settled)
             if settled:
                 plan = plan_files(present, folder, folder, out, names_filter)
                 files = (file for file in plan.inputs if file.name in settled)
                 yield replace(plan, inputs=tuple(files), skipped=())
 
-    seen = stamps()
+    done = stamps()
     return plans
