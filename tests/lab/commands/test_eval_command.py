@@ -62,18 +62,18 @@ def test_row_of_a_model_trained_on_test_images_is_flagged(
     page, table = tmp_path / "page.html", tmp_path / "table.csv"
     arguments = ["--split", "official", "--no-trivial", "--model", "seen", "--model", "default"]
     assert _run(data, *arguments, "--html", str(page), "--csv", str(table)) == ExitCode.OK
-    shown = capsys.readouterr().out
+    output = capsys.readouterr().out
     note = "seen was trained on 2 of these images"
-    assert "\nseen* " in shown
-    assert f"\n* {note}" in shown
-    assert "\ndefault " in shown
+    assert "\nseen* " in output
+    assert f"\n* {note}" in output
+    assert "\ndefault " in output
     assert note in page.read_text()
     with table.open() as file:
         assert [line["trained_on"] for line in csv.DictReader(file)] == ["2", ""]
     assert _run(data, *arguments, "--json") == ExitCode.OK
-    seen, default = _rows(capsys)
-    assert seen["images_trained_on"] == 2
-    assert note in seen["note"]
+    flagged, default = _rows(capsys)
+    assert flagged["images_trained_on"] == 2
+    assert note in flagged["note"]
     assert "note" not in default
 
 

@@ -150,9 +150,9 @@ def test_runs_on_pairs_of_ones_own_are_compared_on_their_scenes_that_were_held_o
         ):
             write_image(yard / kind / scene / "0.png", values)
     (yard / "cameras.csv").write_text("id,focal_px\na/0,90\nb/0,50\nc/0,40\nd/0,40")
-    own = {"data": {"units_per_metre": 256.0}, "output": {"max_m": 30.0}}
+    settings = {"data": {"units_per_metre": 256.0}, "output": {"max_m": 30.0}}
     opened = open_training_data(yard, paired=True, units_per_metre=256)
-    _train(updated(_config("proposed"), own), opened, tmp_path / "runs" / "proposed-seed0")
+    _train(updated(_config("proposed"), settings), opened, tmp_path / "runs" / "proposed-seed0")
     assert _run(tmp_path / "runs", yard) == ExitCode.USAGE  # no mean of pixels of two sizes
     assert "--no-trivial" in capsys.readouterr().err
     assert _run(tmp_path / "runs", data) == ExitCode.USAGE  # those of NYU
@@ -163,12 +163,12 @@ def test_runs_on_pairs_of_ones_own_are_compared_on_their_scenes_that_were_held_o
     assert (document["dataset"], split["name"], split["images"]) == ("yard", "held-out", 2)
     assert "note" not in row
     words = ["eval", "pairs", str(yard), "--png-scale", "256", "--max-depth", "30", "--json"]
-    (one,) = row["runs"]
-    model = str(export_run(open_run(tmp_path / "runs" / one["name"]), tmp_path))
+    (run,) = row["runs"]
+    model = str(export_run(open_run(tmp_path / "runs" / run["name"]), tmp_path))
     assert main([*words, "--per-image", "--model", model]) == 0
     (every,) = _json(capsys)["rows"]
     held_out = [i["abs_rel"] for i in every["per_image"] if i["id"] in {"b/0", "d/0"}]
-    assert one["scores"]["abs_rel"] == pytest.approx(sum(held_out) / 2, abs=1e-9)
+    assert run["scores"]["abs_rel"] == pytest.approx(sum(held_out) / 2, abs=1e-9)
 
 
 def test_averaged_and_raw_weights_are_models_of_their_own(
@@ -186,8 +186,8 @@ def test_averaged_and_raw_weights_are_models_of_their_own(
     averaged, raw, again = (document["rows"][0] for document in documents)
     assert averaged["scores"] == again["scores"]
     assert averaged["scores"] != raw["scores"]
-    told = [any("last step" in note for note in document["notes"]) for document in documents]
-    assert told == [False, True, False]
+    has_note = [any("last step" in note for note in document["notes"]) for document in documents]
+    assert has_note == [False, True, False]
 
 
 def test_a_run_that_cannot_be_used_is_named_and_the_others_are_shown(
@@ -195,8 +195,8 @@ def test_a_run_that_cannot_be_used_is_named_and_the_others_are_shown(
 ) -> None:
     (runs / "proposed-seed0" / "last.ckpt").write_bytes(b"torn")
     assert _run(runs, data, "--no-trivial", "--no-published") == 1
-    shown = capsys.readouterr()
-    assert "fastcut" in shown.out
-    assert shown.err.splitlines()[-1].startswith(
+    captured = capsys.readouterr()
+    assert "fastcut" in captured.out
+    assert captured.err.splitlines()[-1].startswith(
         "depthcli: error: 1 run is skipped: proposed-seed0 ("
     )

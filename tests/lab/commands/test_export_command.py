@@ -54,11 +54,11 @@ def test_the_model_lies_beside_the_checkpoint_and_is_its_network(
     card = find_model(path).card
     assert path.with_name("last.card.json").is_file()
     with torch.no_grad():
-        wanted = small_network(WIDE)(torch.from_numpy(IMAGE))[:, 0].numpy()
-    np.testing.assert_allclose(_raw(path), wanted, atol=1e-3)
-    shown = capsys.readouterr().out
-    assert str(path) in shown
-    assert str(card.sha256) in shown
+        expected = small_network(WIDE)(torch.from_numpy(IMAGE))[:, 0].numpy()
+    np.testing.assert_allclose(_raw(path), expected, atol=1e-3)
+    output = capsys.readouterr().out
+    assert str(path) in output
+    assert str(card.sha256) in output
     assert (card.name, card.version, card.license) == ("custom", "1.0.0", "NOASSERTION")
     assert card.onnx.opset == 17
     assert main(["export-onnx", str(checkpoint.parent), "--quiet"]) == 0
@@ -72,9 +72,9 @@ def test_the_model_lies_beside_the_checkpoint_and_is_its_network(
 def test_the_card_has_what_the_options_say(tmp_path: Path) -> None:
     checkpoint = write_checkpoint(tmp_path / "last.ckpt", hfov_deg=None)
     out = tmp_path / "models" / "room"
-    said = ["--name", "room", "--model-version", "2.5.0", "--license", "CC0-1.0", "--hfov", "71.5"]
-    said += ["--depth-factor", "1.03", "--focal-exponent", "0.8"]
-    assert main(["export-onnx", str(checkpoint), "-o", str(out), *said, "--opset", "18"]) == 0
+    words = ["--name", "room", "--model-version", "2.5.0", "--license", "CC0-1.0", "--hfov", "71.5"]
+    words += ["--depth-factor", "1.03", "--focal-exponent", "0.8"]
+    assert main(["export-onnx", str(checkpoint), "-o", str(out), *words, "--opset", "18"]) == 0
     assert sorted(path.name for path in out.iterdir()) == ["card.json", "model.onnx"]
     card = find_model(out).card
     assert (card.name, card.version, card.license) == ("room", "2.5.0", "CC0-1.0")
@@ -116,8 +116,8 @@ def test_weights_are_averaged_or_those_of_the_last_step(tmp_path: Path) -> None:
         path = tmp_path / "m.onnx"
         assert main(["export-onnx", str(checkpoint), "-o", str(path), *options]) == 0
         with torch.no_grad():
-            wanted = network(torch.from_numpy(IMAGE))[:, 0].numpy()
-        np.testing.assert_allclose(_raw(path), wanted, atol=1e-3)
+            expected = network(torch.from_numpy(IMAGE))[:, 0].numpy()
+        np.testing.assert_allclose(_raw(path), expected, atol=1e-3)
 
 
 def test_a_difference_above_the_tolerance_is_refused(checkpoint: Path, tmp_path: Path) -> None:

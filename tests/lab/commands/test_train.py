@@ -64,8 +64,8 @@ def test_a_run_goes_on_with_its_own_settings_and_threads(folder: Path) -> None:
     begun = Checkpoint.load(folder / "run" / "last.ckpt")
     common = ("--data", "data", "--out", "run", "--accelerator", "cpu", "--quiet")
     again = ("--preset", "bundled", "--config", "tiny.toml", "--set", "seed=3")
-    for given in ((), again):
-        done = inside(folder, "train", "proposed", *common, *given, "--max-minutes", "0")
+    for options in ((), again):
+        done = inside(folder, "train", "proposed", *common, *options, "--max-minutes", "0")
         assert (done.returncode, done.stderr) == (0, "")
     saved = Checkpoint.load(folder / "run" / "last.ckpt")
     assert saved.config == begun.config
@@ -91,14 +91,14 @@ def test_a_finished_run_goes_on_for_more_epochs(folder: Path) -> None:
 
 
 def test_shown_configuration_is_toml_that_gives_itself_back(folder: Path) -> None:
-    shown = inside(folder, "train", "proposed", "--preset", "bundled", "--show-config")
-    assert shown.returncode == 0, shown.stderr
-    values = tomllib.loads(shown.stdout)
+    result = inside(folder, "train", "proposed", "--preset", "bundled", "--show-config")
+    assert result.returncode == 0, result.stderr
+    values = tomllib.loads(result.stdout)
     assert values["generator"]["name"] == "efficient"
     assert values["loss"]["weight_penalty"] == 0
-    (folder / "shown.toml").write_text(shown.stdout)
+    (folder / "shown.toml").write_text(result.stdout)
     again = inside(folder, "train", "proposed", "--config", "shown.toml", "--show-config")
-    assert again.stdout == shown.stdout
+    assert again.stdout == result.stdout
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,8 @@ IDS = ("0000", "0001", "0002", "0003", "0004")
 
 @pytest.mark.parametrize("kind", ["nyu_folder", "nyu_mat"])
 def test_both_layouts_give_the_same_pairs(kind: str, request: pytest.FixtureRequest) -> None:
-    made = request.getfixturevalue(kind)
-    dataset = open_nyu(made.path)
+    nyu = request.getfixturevalue(kind)
+    dataset = open_nyu(nyu.path)
     assert len(dataset) == 5
     assert tuple(dataset.ids) == IDS
     assert tuple(dataset.scenes) == SCENES
@@ -32,8 +32,8 @@ def test_both_layouts_give_the_same_pairs(kind: str, request: pytest.FixtureRequ
         assert depth_m.dtype == np.float32
         assert image.flags.c_contiguous
         assert depth_m.flags.c_contiguous
-        np.testing.assert_array_equal(image, made.images[i])
-        np.testing.assert_array_equal(depth_m, made.depths_m[i])
+        np.testing.assert_array_equal(image, nyu.images[i])
+        np.testing.assert_array_equal(depth_m, nyu.depths_m[i])
 
 
 def test_index_beside_the_mat_supplies_the_official_split(nyu_mat: Any) -> None:

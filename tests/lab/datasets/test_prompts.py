@@ -24,9 +24,9 @@ def _drawn(
 @pytest.mark.parametrize("pattern", Pattern)
 def test_exact_points_have_the_depth_of_the_map_and_the_seed_decides_them(pattern: Pattern) -> None:
     sparse = _drawn(f"{pattern}:9")
-    known = sparse > 0
-    assert 0 < known.mean() < 1
-    np.testing.assert_array_equal(sparse[known], PLANE_M[known])
+    valid = sparse > 0
+    assert 0 < valid.mean() < 1
+    np.testing.assert_array_equal(sparse[valid], PLANE_M[valid])
     np.testing.assert_array_equal(sparse, _drawn(f"{pattern}:9"))
     holes = np.where(ROWS < HEIGHT / 2, np.float32(np.nan), PLANE_M)
     assert not _drawn(f"{pattern}:9", holes)[: HEIGHT // 2].any()

@@ -104,12 +104,12 @@ def test_depth_of_a_wider_camera_is_cut_to_the_view_of_the_image() -> None:
         camera=Intrinsics(16, centre_px=(7.5, 3.5), pixel_aspect=1),
         depth_camera=Intrinsics(8, centre_px=(7.5, 3.5), pixel_aspect=1),
     )
-    seen = in_view(depth_m, pair, (8, 16))
+    view_m = in_view(depth_m, pair, (8, 16))
     for y in range(8):
         for x in range(16):
             column, row = (x - 7.5) / 2 + 7.5, (y - 3.5) / 2 + 3.5
-            assert abs(seen[y, x] % 16 - column) <= 0.5
-            assert abs(seen[y, x] // 16 - row) <= 0.5
+            assert abs(view_m[y, x] % 16 - column) <= 0.5
+            assert abs(view_m[y, x] // 16 - row) <= 0.5
 
 
 @pytest.mark.parametrize("size", [(12, 16), (16, 16)])

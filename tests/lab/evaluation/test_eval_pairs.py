@@ -80,9 +80,9 @@ def test_predictions_scale_is_not_png_scale(data: Path, capsys: pytest.CaptureFi
     words += ["--predictions", str(data.parent / "files")]
     for more, best, worst in (([], 0.7, 0.8), (["--predictions-scale", "256"], 0, 0)):
         assert main([*words, *more]) == ExitCode.OK
-        shown = capsys.readouterr()
-        assert best <= json.loads(shown.out)["rows"][0]["scores"]["abs_rel"] <= worst
-        assert ("millimetres are assumed" in shown.err) is (not more)
+        captured = capsys.readouterr()
+        assert best <= json.loads(captured.out)["rows"][0]["scores"]["abs_rel"] <= worst
+        assert ("millimetres are assumed" in captured.err) is (not more)
 
 
 @pytest.mark.parametrize(
@@ -104,10 +104,10 @@ def test_folders_or_the_scenes_of_an_index_are_resampled(
     words = ["eval", "pairs", str(data), "--model", tiny, "--model", far, "--against", far]
     assert main([*words, "--json", "--per-image", "--html", str(page)]) == ExitCode.OK
     document = json.loads(capsys.readouterr().out)
-    others, own = (
+    tiny_rmse, far_rmse = (
         np.array([image["rmse"] for image in row["per_image"]]) for row in document["rows"]
     )
-    expected = scene_interval(own - others, scenes)
+    expected = scene_interval(far_rmse - tiny_rmse, scenes)
     (entry,) = document["differences"]
     assert (entry["row"], entry["minus"]) == (far, tiny)
     assert entry["intervals"]["rmse"] == asdict(expected)
@@ -151,8 +151,8 @@ def test_a_report_in_the_data_set_is_replaced_by_the_next(
 
 def _table(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[dict[str, Any], str]:
     assert main(["eval", "pairs", *words, "--json"]) == ExitCode.OK
-    shown = capsys.readouterr()
-    return json.loads(shown.out), shown.err
+    captured = capsys.readouterr()
+    return json.loads(captured.out), captured.err
 
 
 def test_table_states_unit_and_who_says_it(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -223,8 +223,8 @@ def test_disparity_is_compared_as_depth(data: Path, capsys: pytest.CaptureFixtur
     for name, millimetres in _millimetres(data).items():
         disparity_px = FOCAL_PX * FACTORS[name] * baseline_m / (millimetres / 1000)
         cv2.imwrite(str(files / f"{name}.png"), np.rint(256 * disparity_px).astype(np.uint16))
-    stated = ("--predictions-kind", "disparity", "--predictions-scale", "256")
-    words = (str(data), "--predictions", str(files), *stated)
+    options = ("--predictions-kind", "disparity", "--predictions-scale", "256")
+    words = (str(data), "--predictions", str(files), *options)
     document, _ = _table(capsys, *words, "--baseline", "0.5")
     assert document["rows"][0]["scores"]["abs_rel"] < 0.01
     assert main(["eval", "pairs", *words]) == ExitCode.USAGE
@@ -275,9 +275,9 @@ def test_crop_and_range_choose_pixels(data: Path, capsys: pytest.CaptureFixture[
 
 
 def test_model_trained_on_these_is_marked(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    seen = write_model(data.parent / "seen", training={"data": "own pairs (own)"})
-    (row,) = _table(capsys, str(data), "--model", str(seen))[0]["rows"]
-    assert str(seen) in row["note"]
+    model = write_model(data.parent / "seen", training={"data": "own pairs (own)"})
+    (row,) = _table(capsys, str(data), "--model", str(model))[0]["rows"]
+    assert str(model) in row["note"]
     (data / "cameras.csv").unlink()
     for i, name in enumerate(FACTORS):  # as a copy of NYU Depth v2 names them
         for kind in ("rgb", "depth"):

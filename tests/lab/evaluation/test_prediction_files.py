@@ -28,15 +28,15 @@ def _write_png(folder: Path, value: int = 3000) -> None:
 
 
 def test_a_scale_is_for_files_that_state_none(tmp_path: Path) -> None:
-    png, integers, stated = (tmp_path / name for name in ("png", "npy", "stated"))
-    for folder in (integers, stated):
+    png, integers, tagged = (tmp_path / name for name in ("png", "npy", "stated"))
+    for folder in (integers, tagged):
         folder.mkdir()
     _write_png(png, 768)
     for name in IDS:
         np.save(integers / f"{name}.npy", np.full((4, 6), 768, np.uint16))
         writer = writer_class(Format.PNG16)()
-        writer.write(DepthMap(np.full((4, 6), 3.0, np.float32)), stated / f"{name}.png")
-    for folder in (png, integers, stated):
+        writer.write(DepthMap(np.full((4, 6), 3.0, np.float32)), tagged / f"{name}.png")
+    for folder in (png, integers, tagged):
         predictor = open_predictions(folder, SAMPLES, DepthReadOptions(unstated_scale=256))
         assert (predictor.predict(Sample(small_set(), 1)).values == 3.0).all()
         assert not predictor.warnings
@@ -46,7 +46,7 @@ def test_a_scale_is_for_files_that_state_none(tmp_path: Path) -> None:
     assert not open_predictions(
         png, SAMPLES, DepthReadOptions(kind=DepthEncoding.RELATIVE)
     ).warnings
-    assert not open_predictions(stated, SAMPLES).warnings
+    assert not open_predictions(tagged, SAMPLES).warnings
 
 
 def test_metric_integers_are_refused(tmp_path: Path) -> None:

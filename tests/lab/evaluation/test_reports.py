@@ -96,7 +96,7 @@ def test_json() -> None:
     )
     assert "boundary" not in protocol
     facts = document.pop("metrics")
-    assert [name for name, stated in facts.items() if stated["higher_is_better"]] == list(
+    assert [name for name, metric in facts.items() if metric["higher_is_better"]] == list(
         NAMES[5:8]
     )
     assert facts["rmse"]["unit"] == "metres"
@@ -224,14 +224,14 @@ def test_every_cell_is_a_preview_in_the_range_of_its_rows_truth() -> None:
     assert watched.stages == {"drawing images": (2, 2)}
     for row, i in enumerate((1, 0)):
         truth_m = dataset.depths_m[i]
-        known = truth_m > 0
-        near, far = np.percentile(truth_m[known], (2, 98))
+        valid = truth_m > 0
+        near, far = np.percentile(truth_m[valid], (2, 98))
         sized = cv2.resize(inverse, CELL, interpolation=cv2.INTER_AREA)
-        fitted, shown = np.full((2, *truth_m.shape), np.nan, np.float32)
-        fit = np.polyfit(sized[known].astype(float), 1 / truth_m[known].astype(float), 1)
-        fitted[known] = 1 / np.polyval(fit, sized[known])
-        shown[known] = truth_m[known]
-        maps = [DepthMap(values) for values in (metric.maps[dataset.ids[i]], fitted, shown)]
+        fitted, masked = np.full((2, *truth_m.shape), np.nan, np.float32)
+        fit = np.polyfit(sized[valid].astype(float), 1 / truth_m[valid].astype(float), 1)
+        fitted[valid] = 1 / np.polyval(fit, sized[valid])
+        masked[valid] = truth_m[valid]
+        maps = [DepthMap(values) for values in (metric.maps[dataset.ids[i]], fitted, masked)]
         image = np.repeat(dataset.image(i).max(2)[..., None], 3, 2)
         for sheet, colormap in ((_pixels(gray), "gray"), (_pixels(coloured), "inferno")):
             assert np.array_equal(_cell(sheet, row, 0), image)

@@ -64,12 +64,12 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> list[ModelPredictor]:
         "proposed-seed0": (_run("proposed-seed0", paired=True), 4.0),
         "cut-seed3": (_run("cut-seed3", seed=3), 3.0),
     }
-    folder, found = tmp_path_factory.mktemp("models"), []
+    folder, predictors = tmp_path_factory.mktemp("models"), []
     for i, (name, (run, far_m)) in enumerate(runs.items()):
         loader = SessionLoader(write_model(folder / name, output__shift=far_m + 4), "cpu", 1)
         predictor = replace(open_model(loader), name=name)
-        found.append(replace(predictor, run=run, latency_ms=10.0 + i / 3))
-    return found
+        predictors.append(replace(predictor, run=run, latency_ms=10.0 + i / 3))
+    return predictors
 
 
 @pytest.fixture
@@ -115,7 +115,7 @@ def test_every_fact_of_the_training_is_shown(task: EvalTask, models: list[ModelP
     assert (report.dataset, report.split, report.image_count) == ("NYU Depth v2", "val", 2)
     assert (report.split_count, report.train_count, report.protocol) == (2, 3, PROTOCOL)
     lines = report_page(report).to_text().splitlines()
-    shown = {line.split()[0]: line.split()[1:10] for line in lines[4:] if line}
+    cells = {line.split()[0]: line.split()[1:10] for line in lines[4:] if line}
     assert lines[3].split()[2:9] == [
         "paired",
         "seeds",
@@ -125,9 +125,9 @@ def test_every_fact_of_the_training_is_shown(task: EvalTask, models: list[ModelP
         "params",
         "ms",
     ]
-    assert shown["cut"] == ["none", "no", "1", "4/4", "80", "1.2", "1.23M", "11.0", "2"]
-    assert shown["proposed"] == ["none", "yes", "2", "3-4/4", "60-80", "1.9", "1.23M", "10.5", "2"]
-    assert shown["DCLGAN"] == ["(paper)", "-", *"-------"]
+    assert cells["cut"] == ["none", "no", "1", "4/4", "80", "1.2", "1.23M", "11.0", "2"]
+    assert cells["proposed"] == ["none", "yes", "2", "3-4/4", "60-80", "1.9", "1.23M", "10.5", "2"]
+    assert cells["DCLGAN"] == ["(paper)", "-", *"-------"]
     document = json.loads(report.to_json())
     rows = {row["name"]: row for row in document["rows"]}
     assert rows["proposed"]["training"] == {
@@ -149,10 +149,10 @@ def test_every_fact_of_the_training_is_shown(task: EvalTask, models: list[ModelP
     records = {r["name"]: list(r.values()) for r in csv.DictReader(io.StringIO(report.to_csv()))}
     costs = ["yes", "1 0", "3 4", "4", "60 80", "2.50 1.23", "1234567", "10.500"]
     (proposed,) = (line for line in report.rows if line.name == "proposed")
-    known = ["model", "none", "NYU Depth v2", "val", "2", "metric, m", str(proposed.pixel_count)]
-    known += ["", PROTOCOL.name]
+    facts = ["model", "none", "NYU Depth v2", "val", "2", "metric, m", str(proposed.pixel_count)]
+    facts += ["", PROTOCOL.name]
     numbers = [*proposed.scores.values(), *proposed.std.values()]
-    assert records["proposed"] == ["proposed", *known, *costs, *map(repr, numbers)]
+    assert records["proposed"] == ["proposed", *facts, *costs, *map(repr, numbers)]
     assert records["cut"][-9:] == [""] * 9
     assert records["CUT (paper)"][:18] == [
         *("CUT (paper)", "published", "", "NYU Depth v2", "paper", "449", "-", "", ""),
@@ -177,18 +177,18 @@ def test_notes_name_runs_that_stopped_early_and_rows_of_other_images(
 
 
 def test_ids_of_custom_pairs_do_not_count_as_nyu() -> None:
-    own = _run("a", data="own", train_ids=("0000", "a2"))
-    assert plan_runs(small_set(), [own], SplitName.OFFICIAL).ids[:2] == ("0000", "0002")
+    run = _run("a", data="own", train_ids=("0000", "a2"))
+    assert plan_runs(small_set(), [run], SplitName.OFFICIAL).ids[:2] == ("0000", "0002")
 
 
 def test_pairs_of_ones_own_must_not_have_been_trained_on() -> None:
-    dataset, own = small_set(2, first=1449), "own pairs (yard)"
-    run = _run("a", data=own, held_out_ids=("1449",), train_ids=("1450",))
+    dataset, data = small_set(2, first=1449), "own pairs (yard)"
+    run = _run("a", data=data, held_out_ids=("1449",), train_ids=("1450",))
     task = plan_runs(dataset, [run], title="yard")
     assert (task.ids, task.is_nyu, task.title) == (("1449",), False, "yard")
     assert task.split == Split(HELD_OUT, (1,), (0,), 1, 1)
     with pytest.raises(UsageError):
-        plan_runs(dataset, [_run("a", run, init_ids={own: ("1449",)})], title="yard")
+        plan_runs(dataset, [_run("a", run, init_ids={data: ("1449",)})], title="yard")
 
 
 @pytest.mark.parametrize(
@@ -326,9 +326,9 @@ def test_rows_are_compared_image_by_image_with_seeds_averaged() -> None:
         "cut": [_row("cut", [0.6, 0.5, 0.3], Alignment.MEDIAN)],
     }
     scenes = {"0000": "a", "0001": "b", "0002": "c"}
-    (found,) = differences_from("ours", groups, scenes)
-    assert (found.name, found.other, found.alignment) == ("ours", "mean", Alignment.NONE)
-    interval = found.intervals[list(METRICS).index("abs_rel")]
+    (entry,) = differences_from("ours", groups, scenes)
+    assert (entry.name, entry.other, entry.alignment) == ("ours", "mean", Alignment.NONE)
+    interval = entry.intervals[list(METRICS).index("abs_rel")]
     assert interval.mean == pytest.approx(-0.2)
     assert interval.low == pytest.approx(-0.3)
     assert interval.high == pytest.approx(-0.1)
@@ -339,5 +339,5 @@ def test_scenes_without_a_score_are_not_counted() -> None:
     for name, value in (("mean", 0.5), ("ours", 0.4)):
         row, nothing = _row(name, [value] * 3), ImageScores("0001", in_full({}))
         groups[name] = [replace(row, images=(row.images[0], nothing, row.images[2]))]
-    (found,) = differences_from("ours", groups, {"0000": "a", "0001": "b", "0002": "c"})
-    assert found.scene_count == 2
+    (entry,) = differences_from("ours", groups, {"0000": "a", "0001": "b", "0002": "c"})
+    assert entry.scene_count == 2

@@ -80,8 +80,8 @@ def test_only_images_that_are_compared_count() -> None:
     assert train_overlap(card({"nyu_train_ids": "0002-0004"}), task) == 2
     assert train_overlap(card({"nyu_train_ids": "0001"}), task) == 0
     assert train_overlap(card({}), task) is None
-    own = plan_pairs(small_set(8), "own")
-    assert train_overlap(card({"nyu_train_ids": "0002-0004"}), own) is None
+    pairs = plan_pairs(small_set(8), "own")
+    assert train_overlap(card({"nyu_train_ids": "0002-0004"}), pairs) is None
 
 
 @pytest.mark.parametrize("name", ["meter-nyu", "fastdepth"])
@@ -106,20 +106,20 @@ def _kept(
 
 def test_differences_are_those_of_one_evaluation(tmp_path: Path) -> None:
     together = evaluate(TASK, [A, B], replace(OPTIONS, against="a"))
-    found = compare_reports(_kept(tmp_path, A), _kept(tmp_path, B))
-    assert [row.scores for row in found.rows] == [row.scores for row in together.rows]
-    (one,), (other,) = found.differences, together.differences
-    assert (one.name, one.other) == ("a (a)", "b (b)")
-    assert (one.intervals, one.scene_count) == (other.intervals, other.scene_count)
+    table = compare_reports(_kept(tmp_path, A), _kept(tmp_path, B))
+    assert [row.scores for row in table.rows] == [row.scores for row in together.rows]
+    (first,), (other,) = table.differences, together.differences
+    assert (first.name, first.other) == ("a (a)", "b (b)")
+    assert (first.intervals, first.scene_count) == (other.intervals, other.scene_count)
 
 
 def test_rows_are_of_the_images_that_both_have(tmp_path: Path) -> None:
-    found = compare_reports(_kept(tmp_path, A, 5), _kept(tmp_path, B))
+    table = compare_reports(_kept(tmp_path, A, 5), _kept(tmp_path, B))
     fewer = evaluate(TASK.subsampled(5), [A, B], replace(OPTIONS, against="a"))
-    assert found.image_count == 5
-    for row, wanted in zip(found.rows, fewer.rows, strict=True):
-        assert row.scores == pytest.approx(wanted.scores)
-    means = [interval.mean for interval in found.differences[0].intervals]
+    assert table.image_count == 5
+    for row, expected in zip(table.rows, fewer.rows, strict=True):
+        assert row.scores == pytest.approx(expected.scores)
+    means = [interval.mean for interval in table.differences[0].intervals]
     assert means == pytest.approx([i.mean for i in fewer.differences[0].intervals])
 
 
@@ -145,10 +145,10 @@ def test_a_report_is_consistent_with_a_reference_or_differs(
 def test_without_means_of_images_there_is_no_interval(tmp_path: Path) -> None:
     pooled = replace(OPTIONS.protocol, averaging=Averaging.POOLED)
     for options in (replace(OPTIONS, per_image=False), replace(OPTIONS, protocol=pooled)):
-        found = compare_reports(_kept(tmp_path, A, 5, options), _kept(tmp_path, B, None, options))
-        assert not found.differences
+        table = compare_reports(_kept(tmp_path, A, 5, options), _kept(tmp_path, B, None, options))
+        assert not table.differences
         alone = evaluate(TASK.subsampled(5), [A], options), evaluate(TASK, [B], options)
-        assert [row.scores for row in found.rows] == [one.rows[0].scores for one in alone]
+        assert [row.scores for row in table.rows] == [single.rows[0].scores for single in alone]
 
 
 def test_metric_of_ones_own_is_compared_without_its_module(tmp_path: Path) -> None:
@@ -156,9 +156,9 @@ def test_metric_of_ones_own_is_compared_without_its_module(tmp_path: Path) -> No
     METRICS["bias"] = replace(METRICS["bias"], higher_is_better=True, unit="metres")
     try:
         files = _kept(tmp_path, A), _kept(tmp_path, B)
-        wanted = evaluate(TASK, [A, B], replace(OPTIONS, against="a")).differences[0].intervals
+        intervals = evaluate(TASK, [A, B], replace(OPTIONS, against="a")).differences[0].intervals
         METRICS.pop("bias")
-        assert compare_reports(*files).differences[0].intervals == wanted
+        assert compare_reports(*files).differences[0].intervals == intervals
         assert (METRICS["bias"].higher_is_better, METRICS["bias"].unit) == (True, "metres")
         METRICS.pop("bias")
         _kept(tmp_path, B)  # without it
@@ -183,10 +183,10 @@ def test_rows_that_were_trained_on_the_images_are_marked(
         assert "* b: b was trained on 12 of these images" in text
         assert "b: known depth" in text
     assert main([*words, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert [row.get("images_trained_on") for row in found["rows"]] == [None, 12]
-    assert found["rows"][1]["note"].endswith(document["rows"][0]["note"])
-    assert found["notes"] == ["b: known depth"]
+    comparison = json.loads(capsys.readouterr().out)
+    assert [row.get("images_trained_on") for row in comparison["rows"]] == [None, 12]
+    assert comparison["rows"][1]["note"].endswith(document["rows"][0]["note"])
+    assert comparison["notes"] == ["b: known depth"]
 
 
 def test_other_protocols_and_files_are_refused(tmp_path: Path) -> None:
@@ -210,43 +210,43 @@ def report() -> EvalReport:
 
 def _errors(row: Playback, near_m: float, far_m: float) -> list[float]:
     """Relative errors of all pixels whose true depth is in a range."""
-    found = []
+    errors = []
     for name, depth_m in zip(DATASET.ids, DATASET.depths_m, strict=True):
         pairs = zip(depth_m.ravel().tolist(), row.maps[name].ravel().tolist(), strict=True)
         for g, p in pairs:
             if max(near_m, 1e-3) <= g < far_m:
-                found.append(abs(min(max(p, 1e-3), 10.0) - g) / g)
-    return found
+                errors.append(abs(min(max(p, 1e-3), 10.0) - g) / g)
+    return errors
 
 
 def test_distance_is_over_the_pixels_of_each_range(report: EvalReport) -> None:
     scored = report.breakdowns[0].scored
     edges = [0.001, 1, 2, 3, 5, 10]
     names = [f"{near:g}-{far:g} m" for near, far in pairwise(edges)]
-    assert [one.part for one in scored] == [name for name in names for _ in "ab"]
-    for i, one in enumerate(scored):
-        errors = _errors({"a": A, "b": B}[one.row], edges[i // 2], edges[i // 2 + 1])
-        assert one.count == len(errors)
+    assert [entry.part for entry in scored] == [name for name in names for _ in "ab"]
+    for i, entry in enumerate(scored):
+        errors = _errors({"a": A, "b": B}[entry.row], edges[i // 2], edges[i // 2 + 1])
+        assert entry.count == len(errors)
         if errors:
-            assert one.scores["abs_rel"] == pytest.approx(sum(errors) / len(errors), rel=1e-6)
+            assert entry.scores["abs_rel"] == pytest.approx(sum(errors) / len(errors), rel=1e-6)
 
 
 def test_scene_kinds_are_means_of_their_images(report: EvalReport) -> None:
     named = {
-        one.id: scene.rstrip("0123456789").rstrip("_")
-        for one, scene in zip(report.rows[0].images, DATASET.scenes, strict=True)
+        image.id: scene.rstrip("0123456789").rstrip("_")
+        for image, scene in zip(report.rows[0].images, DATASET.scenes, strict=True)
     }
-    for one in report.breakdowns[1].scored:
-        row = report.rows["ab".index(one.row)]
-        own = [image.scores["rmse"] for image in row.images if named[image.id] == one.part]
-        assert (one.count, one.scores["rmse"]) == (len(own), pytest.approx(sum(own) / len(own)))
-    assert {one.part for one in report.breakdowns[1].scored} == set(named.values())
+    for entry in report.breakdowns[1].scored:
+        row = report.rows["ab".index(entry.row)]
+        rmse = [image.scores["rmse"] for image in row.images if named[image.id] == entry.part]
+        assert (entry.count, entry.scores["rmse"]) == (len(rmse), pytest.approx(np.mean(rmse)))
+    assert {entry.part for entry in report.breakdowns[1].scored} == set(named.values())
 
 
 def test_worst_images_come_first(report: EvalReport) -> None:
-    own = [one for one in report.breakdowns[2].scored if one.row == "a"]
-    images = sorted(report.rows[0].images, key=lambda one: -one.scores["abs_rel"])
-    assert [one.part for one in own] == [image.id for image in images[:10]]
+    worst = [entry for entry in report.breakdowns[2].scored if entry.row == "a"]
+    images = sorted(report.rows[0].images, key=lambda image: -image.scores["abs_rel"])
+    assert [entry.part for entry in worst] == [image.id for image in images[:10]]
 
 
 def test_text_html_and_json_have_each_part(report: EvalReport) -> None:
@@ -260,5 +260,5 @@ def test_text_html_and_json_have_each_part(report: EvalReport) -> None:
 
 def test_aligned_rows_are_told_apart() -> None:
     both = replace(BY_PARTS, alignments=(Alignment.NONE, Alignment.MEDIAN), parts=(Part.DISTANCE,))
-    found = evaluate(TASK, [A], both)
-    assert {one.row for one in found.breakdowns[0].scored} == {"a", "a, median"}
+    table = evaluate(TASK, [A], both)
+    assert {entry.row for entry in table.breakdowns[0].scored} == {"a", "a, median"}

@@ -164,8 +164,8 @@ def test_a_card_is_what_the_run_was(tmp_path: Path) -> None:
 
 
 def test_a_card_claims_nothing_that_nobody_said(tmp_path: Path) -> None:
-    own = {"data": "own pairs (yard)", "hfov_deg": None, "train_ids": ("a0001",), "scores": {}}
-    card = _card(tmp_path, **own)
+    facts = {"data": "own pairs (yard)", "hfov_deg": None, "train_ids": ("a0001",), "scores": {}}
+    card = _card(tmp_path, **facts)
     assert "NYU" not in card.to_json().upper()
     assert card.training.keys() == {
         *("data", "method", "seed", "pairs", "held_out_pairs", "steps", "minutes"),
@@ -178,8 +178,8 @@ def test_a_card_claims_nothing_that_nobody_said(tmp_path: Path) -> None:
 def test_pairs_that_the_initial_weights_knew_are_known_to_the_model(tmp_path: Path) -> None:
     ids = {"train_ids": ("0003", "0000"), "init_ids": {NYU: ("0000", "0001")}}
     assert _card(tmp_path, **ids).training["nyu_train_ids"] == "0000-0001,0003"
-    own = _card(tmp_path, data="own pairs (yard)", **ids | {"train_ids": ("a3", "a0")}).training
-    assert (own["pairs"], own["nyu_train_ids"]) == (2, "0000-0001")
+    facts = _card(tmp_path, data="own pairs (yard)", **ids | {"train_ids": ("a3", "a0")}).training
+    assert (facts["pairs"], facts["nyu_train_ids"]) == (2, "0000-0001")
     copy = _card(tmp_path, data="own pairs (copy)", train_ids=("1400", "0003")).training
     assert copy["nyu_train_ids"] == "0003,1400"
 
@@ -195,14 +195,14 @@ def test_scores_of_averaged_weights_are_not_those_of_the_raw_ones(tmp_path: Path
 def test_scores_are_of_the_network_that_was_validated(tmp_path: Path) -> None:
     """On pairs that its initial weights did not know."""
     scores = {"abs_rel": 0.25}
-    for options, known, facts in (
+    for options, init_id, facts in (
         (ExportOptions(), "0002", {"validation": scores}),
         (ExportOptions(), "0001", {"validation": {}}),
         (ExportOptions(fp16=True), "0002", {"validation": scores, "precision": "float16"}),
         (ExportOptions(int8=tmp_path), "0002", {"validation": {}, "precision": "int8"}),
         (ExportOptions(depth_factor=1.03), "0002", {"validation": {}, "depth_factor": 1.03}),
     ):
-        ids = {"train_ids": ("0000",), "held_out_ids": ("0001",), "init_ids": {NYU: (known,)}}
+        ids = {"train_ids": ("0000",), "held_out_ids": ("0001",), "init_ids": {NYU: (init_id,)}}
         card = _card(tmp_path, options, **ids)
         names = card.training.keys() & {"validation", "precision", "depth_factor"}
         assert {name: card.training[name] for name in names} == facts
@@ -218,9 +218,9 @@ def test_linear_depth_has_no_smallest_value_of_log_depth(tmp_path: Path) -> None
     assert (output.min_m, output.codec.decode(-1.0)) == (0.001, 0)
 
 
-@pytest.mark.parametrize("known", [None, 80.0])
-def test_the_camera_is_the_one_that_is_said(tmp_path: Path, known: float | None) -> None:
-    camera = _card(tmp_path, ExportOptions(hfov=80.0), hfov_deg=known).camera
+@pytest.mark.parametrize("hfov_deg", [None, 80.0])
+def test_the_camera_is_the_one_that_is_said(tmp_path: Path, hfov_deg: float | None) -> None:
+    camera = _card(tmp_path, ExportOptions(hfov=80.0), hfov_deg=hfov_deg).camera
     assert camera.hfov_deg == 80
 
 

@@ -45,9 +45,9 @@ def test_computes_what_the_network_computes_at_any_batch_and_size(
     shapes = [(1, 1, 32, 48), (3, 1, 48, 32), (2, 1, 96, 128), (1, 1, 40, 36)]
     shapes += [(1, 1, 33, 47), (1, 1, 7, 90)] * isinstance(network, EfficientGenerator)
     for shape in shapes:
-        wanted = _torch(network, _noise(*shape))
-        assert wanted.std() > 0.05
-        np.testing.assert_allclose(run_onnx(model, _noise(*shape)), wanted, atol=2e-4)
+        expected = _torch(network, _noise(*shape))
+        assert expected.std() > 0.05
+        np.testing.assert_allclose(run_onnx(model, _noise(*shape)), expected, atol=2e-4)
 
 
 def test_old_runtimes_can_load_it(exported: tuple[nn.Module, onnx.ModelProto]) -> None:
@@ -64,8 +64,8 @@ def test_graph_is_simplified() -> None:
     kinds = {node.op_type for node in model.graph.node}
     assert not kinds & {"BatchNormalization", "Identity", "Constant", "Dropout"}
     convolutions = [m for m in small_network(EFFICIENT).modules() if type(m) is torch.nn.Conv2d]
-    found = [node for node in model.graph.node if node.op_type == "Conv"]
-    assert len(found) == len(convolutions)
+    nodes = [node for node in model.graph.node if node.op_type == "Conv"]
+    assert len(nodes) == len(convolutions)
 
 
 def test_everything_is_in_one_file_that_tells_nothing_of_this_machine() -> None:
@@ -80,20 +80,20 @@ def test_everything_is_in_one_file_that_tells_nothing_of_this_machine() -> None:
 def test_halved_weights_halve_the_file_and_keep_float32_sums(config: GeneratorConfig) -> None:
     image = _noise(2, 1, 32, 48)
     model = build_graph(small_network(config))
-    whole, wanted = _weight_bytes(model), run_onnx(model, image)
+    whole, expected = _weight_bytes(model), run_onnx(model, image)
     weights_to_float16(model)
     onnx.checker.check_model(model, full_check=True)
     assert _weight_bytes(model) < 0.56 * whole
     small = [tensor for tensor in model.graph.initializer if math.prod(tensor.dims) < 64]
     assert small
     assert TensorProto.FLOAT16 not in {tensor.data_type for tensor in small}
-    found = run_onnx(model, image)
-    assert found.dtype == np.float32
-    difference = np.abs(found - wanted)
+    output = run_onnx(model, image)
+    assert output.dtype == np.float32
+    difference = np.abs(output - expected)
     assert 0 < difference.max() < 2e-2
     assert difference.mean() < 2e-3
     # Sums in half precision would leave values that half precision can hold.
-    assert not np.array_equal(found, found.astype(np.float16).astype(np.float32))
+    assert not np.array_equal(output, output.astype(np.float16).astype(np.float32))
 
 
 def _weight_bytes(model: onnx.ModelProto) -> int:

@@ -85,11 +85,11 @@ def test_biases_keep_the_mean_that_rounded_weights_would_shift(groups: int) -> N
 
     model = with_own_weights(build_graph(network))
     ((weight, bias),) = _kept(model)
-    wanted, bias = means(weight, bias), bias.copy()
+    expected, bias = means(weight, bias), bias.copy()
     correct_biases(model, [{"image": image.numpy()} for image in images])
     ((_, corrected),) = _kept(model)
-    assert np.abs(means(_rounded(weight), bias) - wanted).max() > 1e-3
-    np.testing.assert_allclose(means(_rounded(weight), corrected), wanted, atol=1e-6)
+    assert np.abs(means(_rounded(weight), bias) - expected).max() > 1e-3
+    np.testing.assert_allclose(means(_rounded(weight), corrected), expected, atol=1e-6)
 
 
 def test_int8_network_for_known_depth_computes_nothing_that_its_output_does_not_need(
@@ -101,8 +101,8 @@ def test_int8_network_for_known_depth_computes_nothing_that_its_output_does_not_
     network = PromptedGenerator(base, (8, 8, 8, 8)).eval()
     batches = calibration_batches(tmp_path, SPEC)
     small = quantize(build_graph(network), batches, network)
-    made = {name: node.op_type for node in small.graph.node for name in node.output}
-    pairs = {(made.get(name), node.op_type) for node in small.graph.node for name in node.input}
+    writers = {name: node.op_type for node in small.graph.node for name in node.output}
+    pairs = {(writers.get(name), node.op_type) for node in small.graph.node for name in node.input}
     assert ("QuantizeLinear", "Shape") in pairs
     assert ("DequantizeLinear", "Shape") not in pairs
     assert ("Clip", "QuantizeLinear") not in pairs
@@ -115,9 +115,9 @@ def test_int8_network_for_known_depth_computes_nothing_that_its_output_does_not_
 def test_calibration_is_spread_over_all_images(tmp_path: Path, count: int) -> None:
     for number in range(count):
         write_image(tmp_path / f"{number:03}.png", np.full((48, 64, 3), number, np.uint8))
-    seen = [round((batch.mean() + 1) * 127.5) for batch in calibration_batches(tmp_path, SPEC)]
-    assert (len(seen), seen[0], seen[-1]) == (min(count, 64), 0, count - 1)
-    assert len(seen) == 1 or max(np.diff(seen)) <= -(-count // 64) + 1
+    levels = [round((batch.mean() + 1) * 127.5) for batch in calibration_batches(tmp_path, SPEC)]
+    assert (len(levels), levels[0], levels[-1]) == (min(count, 64), 0, count - 1)
+    assert len(levels) == 1 or max(np.diff(levels)) <= -(-count // 64) + 1
 
 
 def test_calibration_takes_subfolders(tmp_path: Path) -> None:
@@ -173,9 +173,9 @@ def test_features_beside_larger_ones_keep_their_levels(monkeypatch: pytest.Monke
 def test_depthwise_convolutions_are_rounded_as_well() -> None:
     torch.manual_seed(0)
     layers = nn.Conv2d(1, 8, 3), nn.Conv2d(8, 8, 3), nn.Conv2d(8, 8, 3, groups=8)
-    network = nn.Sequential(*(one for conv in layers for one in (conv, nn.ReLU())))
+    network = nn.Sequential(*(layer for conv in layers for layer in (conv, nn.ReLU())))
     network.append(nn.Conv2d(8, 1, 1)).eval()
     image = np.random.default_rng(0).uniform(-1, 1, (1, 1, 32, 32)).astype(np.float32)
     model = build_graph(network)
-    exact, found = (run_onnx(each, image) for each in (model, quantize(model, [image], network)))
-    assert np.abs(found - exact).max() < 0.1 * np.ptp(exact)
+    exact, rounded = (run_onnx(each, image) for each in (model, quantize(model, [image], network)))
+    assert np.abs(rounded - exact).max() < 0.1 * np.ptp(exact)

@@ -41,8 +41,8 @@ def test_throughput_is_that_of_workers_that_take_turns(model_folder: Path, tmp_p
 
 
 def test_bench_measures_a_network_that_needs_known_depth(tmp_path: Path) -> None:
-    known = {"input": "lidar", "width": 8, "height": 6}
-    folder = write_model(tmp_path, known_depth_onnx(), input__known_depth=known)
+    spec = {"input": "lidar", "width": 8, "height": 6}
+    folder = write_model(tmp_path, known_depth_onnx(), input__known_depth=spec)
     assert bench.run_bench(SessionLoader(folder, "cpu"), (64, 48), 0.01, workers=1).end_to_end.runs
 
 
@@ -60,27 +60,27 @@ def test_synthetic_image_resembles_a_photograph(size: tuple[int, int]) -> None:
     if size == (640, 480):
         detail = cv2.Laplacian(frame.pixels.astype(np.float32), cv2.CV_32F)
         # The figures of two versions are of the same image.
-        found = (frame.pixels.mean(), frame.pixels.std(), detail.std(), len(data))
-        assert found == pytest.approx((131.4, 50.0, 15.1, 70_700), rel=1e-2)
+        figures = (frame.pixels.mean(), frame.pixels.std(), detail.std(), len(data))
+        assert figures == pytest.approx((131.4, 50.0, 15.1, 70_700), rel=1e-2)
 
 
 def test_first_run_of_each_turn_is_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     called: list[int] = []
     taken_s = iter([0.004, 0.001, 0.005, 0.003, 0.002])
     monkeypatch.setattr(bench, "_elapsed_s", lambda action: action() or next(taken_s))
-    (found,) = bench.measure_latencies([lambda: called.append(1)], seconds=0)
-    assert (found.runs, len(called)) == (5, 8)
-    assert found.median_ms == pytest.approx(3)
-    assert found.min_ms == pytest.approx(1)
-    assert found.noise == pytest.approx((4.5 - 1.5) / 2 / 3)  # the middle half of the five
+    (latency,) = bench.measure_latencies([lambda: called.append(1)], seconds=0)
+    assert (latency.runs, len(called)) == (5, 8)
+    assert latency.median_ms == pytest.approx(3)
+    assert latency.min_ms == pytest.approx(1)
+    assert latency.noise == pytest.approx((4.5 - 1.5) / 2 / 3)  # the middle half of the five
 
 
 def test_models_take_turns_at_their_sizes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[tuple[int, ...]] = []
+    shapes: list[tuple[int, ...]] = []
     run = Session.run
 
     def noted(self: Session, batch: np.ndarray) -> np.ndarray:
-        seen.append(batch.shape)
+        shapes.append(batch.shape)
         assert -1 <= batch.min() < 0 < batch.max() <= 1
         return run(self, batch)
 
@@ -88,8 +88,8 @@ def test_models_take_turns_at_their_sizes(tmp_path: Path, monkeypatch: pytest.Mo
     sizes = {"a": {}, "b": {"input__colour": "rgb", "input__width": 32}}
     pipelines = [load(write_model(tmp_path / name, **size)) for name, size in sizes.items()]
     runs = [bench.network_run(pipeline) for pipeline in pipelines]
-    found = bench.measure_latencies(runs, seconds=0)
-    assert all(0 < one.median_ms < 1000 for one in found)
-    turns = [shape for shape, _ in groupby(seen)]
+    latencies = bench.measure_latencies(runs, seconds=0)
+    assert all(0 < latency.median_ms < 1000 for latency in latencies)
+    turns = [shape for shape, _ in groupby(shapes)]
     assert turns == [(1, 1, 12, 16), (1, 3, 12, 32)] * 3
-    assert len(seen) == sum(3 + one.runs for one in found)
+    assert len(shapes) == sum(3 + latency.runs for latency in latencies)

@@ -111,9 +111,9 @@ def test_the_preset_finetune_starts_where_the_bundled_model_is() -> None:
     config, model = resolve_config("proposed", "finetune"), find_model("float")
     generator = build_generator(config.generator).eval()
     load_init_weights(generator, [weights_file(Path("default"))], DataProvenance())
-    seen = model.card.input
-    assert (config.data.width, config.data.height) == (seen.width, seen.height)
-    size = (1, 1, seen.height, seen.width)
+    spec = model.card.input
+    assert (config.data.width, config.data.height) == (spec.width, spec.height)
+    size = (1, 1, spec.height, spec.width)
     gray = torch.rand(size, generator=torch.Generator().manual_seed(0)) * 2 - 1
     with torch.no_grad():
         started = generator(gray)

@@ -84,10 +84,10 @@ def test_unusable_pixels_stay_out_of_the_fit(alignment: Alignment) -> None:
     predicted = TRUTH * 2
     predicted[::10] = np.nan
     aligned = fitted(predicted, TRUTH, alignment)
-    known = np.ones(300, bool)
-    known[::10] = False
-    np.testing.assert_allclose(aligned[known], TRUTH[known], rtol=1e-9)
-    assert np.isnan(aligned[~known]).all()
+    valid = np.ones(300, bool)
+    valid[::10] = False
+    np.testing.assert_allclose(aligned[valid], TRUTH[valid], rtol=1e-9)
+    assert np.isnan(aligned[~valid]).all()
 
 
 def test_median_looks_at_positive_finite_pixels_only() -> None:
@@ -136,12 +136,12 @@ def _mean(averaging: Averaging, images: list[DepthPixels]) -> Scores:
 
 
 def test_image_without_valid_pixel_is_left_out() -> None:
-    one = DepthPixels.of(np.array([2.0]), np.array([3.0]))
+    pixels = DepthPixels.of(np.array([2.0]), np.array([3.0]))
     nothing = DepthPixels.of(np.array([0.0]), np.array([3.0]))
     assert math.isnan(PixelSums.of(nothing).scores()["abs_rel"])
-    some = PixelSums.of(one)
+    some = PixelSums.of(pixels)
     assert some + PixelSums.of(nothing) == some  # a range of distances that an image lacks
-    assert _mean(Averaging.IMAGE, [one, nothing])["abs_rel"] == 0.5
+    assert _mean(Averaging.IMAGE, [pixels, nothing])["abs_rel"] == 0.5
 
 
 @pytest.mark.parametrize("averaging", Averaging)
@@ -175,12 +175,12 @@ def test_scores_equal_the_plain_loops(seed: int, holes: bool) -> None:
         valid[2:4, 3:5] = False
         truth[~valid], predicted[~valid] = 1e-9, math.nan
     maps = truth, predicted
-    found = [plain.edges(depth_m, valid) for depth_m in maps]
-    for depth_m, expected in zip(maps, found, strict=True):
+    edges = [plain.edges(depth_m, valid) for depth_m in maps]
+    for depth_m, expected in zip(maps, edges, strict=True):
         np.testing.assert_array_equal(_edges(_log(depth_m, valid), valid), expected)
         assert np.any(expected)
     scores = boundary_scores(maps[0], maps[1], valid)
-    accuracy, completeness = plain.distances(*found)
+    accuracy, completeness = plain.distances(*edges)
     assert (scores.dbe_acc, scores.dbe_comp) == pytest.approx((accuracy, completeness), rel=1e-12)
     f1 = plain.edge_f1(*maps, valid)
     assert scores.edge_f1 == pytest.approx(f1, rel=1e-9)

@@ -44,11 +44,11 @@ def test_metrics_equal_the_plain_loop(
 ) -> None:
     pairs = plain.compare(*images)
     scores = PixelSums.of(DepthPixels.of(*images)).scores()
-    wanted = plain.metrics(pairs) if pairs[0].size else dict.fromkeys(METRICS, math.nan)
+    expected = plain.metrics(pairs) if pairs[0].size else dict.fromkeys(METRICS, math.nan)
     for name, value in scores.items():
         # A difference of squares loses half the digits when all logs are alike.
         absolute = 1e-4 if name == "silog" else 1e-9
-        assert value == pytest.approx(wanted[name], rel=1e-6, abs=absolute, nan_ok=True), name
+        assert value == pytest.approx(expected[name], rel=1e-6, abs=absolute, nan_ok=True), name
 
 
 def test_metrics_of_depth_completion_equal_the_plain_loop_beside_one_s_own(

@@ -34,9 +34,9 @@ def test_without_strengths_there_are_whole_images_and_mirrored_ones() -> None:
     mirrored = gray[..., 0].mean((1, 2)) > gray[..., -1].mean((1, 2))  # darker to the right
     assert 20 < int(mirrored.sum()) < 44
     for i in range(64):
-        wanted = halves.flip(3) if mirrored[i] else halves
-        torch.testing.assert_close(seen_m[i : i + 1], wanted)
-        torch.testing.assert_close((gray[i : i + 1] + 1) / 2, (wanted - 1) / 4)
+        expected = halves.flip(3) if mirrored[i] else halves
+        torch.testing.assert_close(seen_m[i : i + 1], expected)
+        torch.testing.assert_close((gray[i : i + 1] + 1) / 2, (expected - 1) / 4)
 
 
 def test_image_and_depth_keep_the_same_geometry() -> None:
@@ -93,9 +93,9 @@ def _lit(level: float, **strengths: float) -> Tensor:
 def test_strengths_are_standard_deviations() -> None:
     gain = _lit(0.5, colour_jitter=0.05)[:, 0, 0] / 0.5
     exponent = _lit(0.5, gamma=0.2)[:, 0, 0].log() / math.log(0.5)
-    for drawn, wanted in ((gain.log(), 0.05), (exponent.log(), 0.2)):
-        assert float(drawn.std()) == pytest.approx(wanted, rel=0.1)
-        assert abs(float(drawn.mean())) < 0.1 * wanted
+    for drawn, strength in ((gain.log(), 0.05), (exponent.log(), 0.2)):
+        assert float(drawn.std()) == pytest.approx(strength, rel=0.1)
+        assert abs(float(drawn.mean())) < 0.1 * strength
     for level in (0.25, 0.5):  # a gain, and a quarter of it as an offset
         bright = _lit(level, brightness=0.1)[:, 0, 0]
         assert float(bright.std()) == pytest.approx(math.hypot(0.1 * level, 0.025), rel=0.1)

@@ -116,10 +116,10 @@ CPU = torch.device("cpu")
 def _many(count: int) -> Rooms:
     """The rooms again and again, ever nearer, with a large hole in each."""
     six = rooms()
-    which = np.arange(count) % len(six)
-    depths_m = six.depths_m[which] * np.linspace(1, 0.5, count, dtype=np.float32)[:, None, None]
+    indices = np.arange(count) % len(six)
+    depths_m = six.depths_m[indices] * np.linspace(1, 0.5, count, dtype=np.float32)[:, None, None]
     depths_m[:, 5:17, 9:30] = 0
-    return Rooms(six.images[which], depths_m, tuple(f"den_{i}" for i in range(count)))
+    return Rooms(six.images[indices], depths_m, tuple(f"den_{i}" for i in range(count)))
 
 
 def _generator(config: Any) -> Any:
@@ -135,7 +135,7 @@ def test_scores_are_means_over_the_pairs_at_the_truths_size(config: Any) -> None
     dataset, generator = _many(19), _generator(config)
     positions = list(range(18, 0, -1))
     validation = Validation(dataset, positions, config)
-    found = validation.score(generator.train(), CPU)
+    means = validation.score(generator.train(), CPU)
     assert generator.training  # as it was
     each = []
     for row, position in enumerate(positions):
@@ -145,13 +145,13 @@ def test_scores_are_means_over_the_pairs_at_the_truths_size(config: Any) -> None
         grown_m = F.interpolate(depth_m, (48, 64), mode="bilinear", align_corners=False)[0, 0]
         pixels = DepthPixels.of(dataset.depth_m(position), grown_m.numpy())
         each.append(dict(PixelSums.of(pixels).scores().items()))
-    for name, value in found.items():
-        wanted = np.mean([scores[name] for scores in each])
-        assert value == pytest.approx(wanted, rel=1e-4), name
+    for name, value in means.items():
+        expected = np.mean([scores[name] for scores in each])
+        assert value == pytest.approx(expected, rel=1e-4), name
     assert len(validation) == 18
     again = validation.score(generator, CPU)
     assert not generator.training
-    assert dict(again.items()) == pytest.approx(dict(found.items()))
+    assert dict(again.items()) == pytest.approx(dict(means.items()))
 
 
 @pytest.mark.parametrize("positions", [[0, 1], [4, 1]])
@@ -211,10 +211,10 @@ def test_samples_are_input_output_truth_of_six(tmp_path: Path, count: int, rows:
         output = _shades(output_m, ends_m)
         lines.append(np.hstack([np.uint8(np.repeat(gray[..., None], 3, 2)), output, truth]))
     encoded = cv2.imencode(".jpg", np.vstack(lines))[1]
-    wanted = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), float)
-    found = cv2.imread(str(sample_path(tmp_path, 7)))
-    assert found.shape == wanted.shape == (32 * len(rows), 3 * 64, 3)
-    assert np.abs(found - wanted).mean() < 0.5
+    expected = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), float)
+    image = cv2.imread(str(sample_path(tmp_path, 7)))
+    assert image.shape == expected.shape == (32 * len(rows), 3 * 64, 3)
+    assert np.abs(image - expected).mean() < 0.5
 
 
 def _logged(folder: Path, tracker: Tracker) -> Path:

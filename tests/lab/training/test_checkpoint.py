@@ -277,10 +277,10 @@ def test_pseudo_labels_are_recorded(tmp_path: Path, prefix: str, nyu: tuple[str,
     """Those with numbers of NYU, as the rooms have, as its pairs."""
     labels = write_pseudo_labels(tmp_path / "more", prefix)
     train_steps(SUPERVISED, tmp_path / "run", None, labels, title=YARD)
-    seen = _seen(tmp_path / "run" / CHECKPOINT)
-    assert seen.pop(NYU, ()) == nyu
-    assert seen["own pairs (more)"] == tuple(prefix + name for name in SIX)
-    assert seen.keys() == {"own pairs (more)", YARD}
+    ids = _seen(tmp_path / "run" / CHECKPOINT)
+    assert ids.pop(NYU, ()) == nyu
+    assert ids["own pairs (more)"] == tuple(prefix + name for name in SIX)
+    assert ids.keys() == {"own pairs (more)", YARD}
 
 
 @pytest.mark.parametrize("title", [NYU_PAPER, YARD])

@@ -29,7 +29,7 @@ def test_defaults_never_change() -> None:
 
 
 @pytest.mark.parametrize(
-    ("setting", "group", "name", "wanted"),
+    ("setting", "group", "name", "expected"),
     [
         ("data.paired=false", "data", "paired", False),
         ("optim.learning_rate=1e-3", "optim", "learning_rate", 1e-3),
@@ -38,12 +38,12 @@ def test_defaults_never_change() -> None:
         ("generator.encoder=[1,2,3,4,5]", "generator", "encoder", (1, 2, 3, 4, 5)),
     ],
 )
-def test_settings_are_read_by_type(setting: str, group: str, name: str, wanted: object) -> None:
-    found = getattr(
+def test_settings_are_read_by_type(setting: str, group: str, name: str, expected: object) -> None:
+    value = getattr(
         getattr(apply_overrides(TrainConfig(), [], ["loss.l1=0", setting]), group), name
     )
-    assert found == wanted
-    assert type(found) is type(wanted)
+    assert value == expected
+    assert type(value) is type(expected)
 
 
 @pytest.mark.parametrize(
@@ -102,8 +102,8 @@ def test_losses_against_the_truth_need_pairs(setting: str) -> None:
 @pytest.mark.parametrize("file", sorted(PRESET_FOLDER.glob("*.toml")), ids=lambda p: p.stem)
 def test_presets_resolve(file: Path) -> None:
     config = apply_overrides(TrainConfig(), [file], [])
-    wanted = tomllib.loads(file.read_text())
-    assert updated(config, wanted) == config
+    settings = tomllib.loads(file.read_text())
+    assert updated(config, settings) == config
     assert config != TrainConfig()
 
 

@@ -67,8 +67,8 @@ def test_unpaired_depth_is_of_other_scenes() -> None:
 def test_whole_images_are_not_augmented() -> None:
     store = PairStore(rooms(), HELD_OUT, DATA)
     (gray,) = whole_images(store, DATA, torch.tensor([0]))
-    wanted = torch.nn.functional.avg_pool2d(store.rgb.float(), 2).amax(1) / 255 * 2 - 1
-    torch.testing.assert_close(gray, wanted)
+    expected = torch.nn.functional.avg_pool2d(store.rgb.float(), 2).amax(1) / 255 * 2 - 1
+    torch.testing.assert_close(gray, expected)
 
 
 def test_whole_scenes_are_held_out() -> None:
@@ -175,16 +175,16 @@ def test_known_pixels_have_the_depth_of_the_image_without_holes() -> None:
     whole_m = torch.rand(6, 1, 64, 64, generator=torch.Generator().manual_seed(1)) * 5 + 1
     valid_mask = torch.rand(6, 1, 64, 64, generator=torch.Generator().manual_seed(2)) > 0.05
     rgb = torch.rand(6, 3, 64, 64)
-    seen = augment(rgb, whole_m, HOLED_DATA, torch.Generator().manual_seed(3))
+    whole = augment(rgb, whole_m, HOLED_DATA, torch.Generator().manual_seed(3))
     with_holes = torch.where(valid_mask, whole_m, torch.full_like(whole_m, 99))
     holed = augment(rgb, with_holes, HOLED_DATA, torch.Generator().manual_seed(3), valid_mask)
-    assert seen.valid_mask is None
+    assert whole.valid_mask is None
     assert holed.valid_mask is not None
-    assert torch.equal(seen.network_input, holed.network_input)
+    assert torch.equal(whole.network_input, holed.network_input)
     torch.testing.assert_close(
-        holed.depth_m[holed.valid_mask], seen.depth_m[holed.valid_mask], rtol=0, atol=0.11
+        holed.depth_m[holed.valid_mask], whole.depth_m[holed.valid_mask], rtol=0, atol=0.11
     )
-    wrong = (holed.depth_m - seen.depth_m).abs() > 0.5
+    wrong = (holed.depth_m - whole.depth_m).abs() > 0.5
     assert not (wrong & holed.valid_mask).any()
     assert wrong.any()
 
@@ -198,14 +198,14 @@ def test_each_view_has_points_of_its_measured_depth_and_the_seed_decides_them() 
     depth_m = torch.arange(1, COUNT + 1).view(-1, 1, 1, 1) + rows / 100
     boxes = ((rows // 12 + columns // 16) % 2).float().expand(COUNT, 3, -1, -1)
     views = Views(boxes, depth_m, (columns < COLUMNS // 2).expand(COUNT, 1, -1, -1))
-    found = drawn_prompts(views, config, np.random.SeedSequence(3))
-    known = found > 0
-    assert known.any(dim=3).any(dim=2).sum() > COUNT / 2  # a far view has none of a depth camera
-    assert torch.equal(found[known], views.depth_m[known])
+    prompts = drawn_prompts(views, config, np.random.SeedSequence(3))
+    valid = prompts > 0
+    assert valid.any(dim=3).any(dim=2).sum() > COUNT / 2  # a far view has none of a depth camera
+    assert torch.equal(prompts[valid], views.depth_m[valid])
     assert views.valid_mask is not None
-    assert not known[~views.valid_mask].any()
-    assert torch.equal(found, drawn_prompts(views, config, np.random.SeedSequence(3)))
-    assert not torch.equal(found, drawn_prompts(views, config, np.random.SeedSequence(4)))
+    assert not valid[~views.valid_mask].any()
+    assert torch.equal(prompts, drawn_prompts(views, config, np.random.SeedSequence(3)))
+    assert not torch.equal(prompts, drawn_prompts(views, config, np.random.SeedSequence(4)))
     nothing = views._replace(valid_mask=torch.zeros_like(views.valid_mask))
     assert not drawn_prompts(nothing, config, np.random.SeedSequence(3)).any()
 
@@ -214,15 +214,15 @@ def test_config_decides_patterns_sizes_and_how_many_are_exact() -> None:
     random = np.random.default_rng(0)
     config = PromptConfig(("uniform", "lidar"), (5, 50), lines=(64, 99), exact=0.25, missing=0.5)
     drawn = [drawn_prompt(config, random) for _ in range(400)]
-    exact = [not (one.noise or one.wrong or one.has_kinect_noise) for one in drawn]
+    exact = [not (prompt.noise or prompt.wrong or prompt.has_kinect_noise) for prompt in drawn]
     assert 0.25 < np.mean(exact) < 0.5
-    assert abs(np.mean([one.part != (0, 0, 1, 1) for one in drawn]) - 0.5) < 0.1
+    assert abs(np.mean([prompt.part != (0, 0, 1, 1) for prompt in drawn]) - 0.5) < 0.1
     sizes = {
-        pattern: {one.size for one in drawn if one.pattern == pattern}
+        pattern: {prompt.size for prompt in drawn if prompt.pattern == pattern}
         for pattern in config.patterns
     }
     assert sizes["lidar"] == {64, 99}
-    ranges_m = [one.range_m for one in drawn]
+    ranges_m = [prompt.range_m for prompt in drawn]
     assert 2.5 < min(ranges_m) < 2.6
     assert 7.8 < max(ranges_m) < 8
     assert min(sizes["uniform"]) in {5, 6}

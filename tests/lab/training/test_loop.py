@@ -208,9 +208,9 @@ def test_rate_follows_the_schedule() -> None:
     for step in (0, 5, 9):
         run.state = TrainState(step=step)
         run.step(batch())
-        wanted = 2e-4 * PAPER.optim.lr_factor(step, 5)
+        rate = 2e-4 * PAPER.optim.lr_factor(step, 5)
         rates = {g["lr"] for o in run.optimizers.values() for g in o.param_groups}
-        assert rates == {wanted}
+        assert rates == {rate}
 
 
 def test_only_matrices_and_kernels_decay() -> None:

@@ -152,10 +152,10 @@ def test_scale_of_a_pseudo_label_counts_in_part(scale: float) -> None:
     for is_label in (torch.tensor([True, True]), torch.tensor([False, False])):
         same = method(TrainingBatch(image, depth_m, None, is_label), "generator")["l1"]
         apart = method(TrainingBatch(image, farther, None, is_label), "generator")["l1"]
-        wanted = torch.log(torch.tensor(1.5)) / method.codec.scale
-        wanted = wanted * scale if is_label[0] else wanted
+        expected = torch.log(torch.tensor(1.5)) / method.codec.scale
+        expected = expected * scale if is_label[0] else expected
         assert float(same.detach()) == pytest.approx(0, abs=1e-6)
-        assert float(apart.detach()) == pytest.approx(float(wanted), abs=1e-4)
+        assert float(apart.detach()) == pytest.approx(float(expected), abs=1e-4)
         pull = _pull(method, image, uneven, is_label)
         assert pull == pytest.approx(-scale if is_label[0] else -1, abs=1e-6)
 
@@ -167,22 +167,22 @@ def test_invalid_pixels_do_not_move_the_scale_of_a_pseudo_label() -> None:
     valid_mask = torch.ones(2, 1, 32, 32, dtype=torch.bool)
     valid_mask[..., :16] = False
     wild, is_label = torch.where(valid_mask, depth_m, torch.tensor(9.0)), torch.tensor([True, True])
-    one = method(TrainingBatch(image, depth_m, valid_mask, is_label), "generator")["l1"]
+    clean = method(TrainingBatch(image, depth_m, valid_mask, is_label), "generator")["l1"]
     other = method(TrainingBatch(image, wild, valid_mask, is_label), "generator")["l1"]
-    torch.testing.assert_close(one, other)
+    torch.testing.assert_close(clean, other)
 
 
 def test_run_states_its_pseudo_labels_and_needs_them_to_resume(tmp_path: Path) -> None:
     labels, run = write_pseudo_labels(tmp_path / "more"), tmp_path / "run"
     train_steps(SUPERVISED, run, None, labels)
-    stated = Checkpoint.load(run / CHECKPOINT).provenance.pseudo_labels
-    assert stated == "6 pseudo labels (more)"
+    pseudo_labels = Checkpoint.load(run / CHECKPOINT).provenance.pseudo_labels
+    assert pseudo_labels == "6 pseudo labels (more)"
     with pytest.raises(CheckpointError):
         train_steps(SUPERVISED, run)
     moved = labels.rename(tmp_path / "moved")
     assert train_steps(SUPERVISED, run, None, moved).step == 4
     card = export_checkpoint(run / CHECKPOINT, run / "run.onnx", ExportOptions("run")).card
-    assert card.training["pseudo_labels"] == stated
+    assert card.training["pseudo_labels"] == pseudo_labels
 
 
 def test_pseudo_labels_need_log_depth(tmp_path: Path) -> None:

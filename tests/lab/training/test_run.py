@@ -99,13 +99,13 @@ def test_rates(epochs: tuple[int, int], more: dict[str, Any], rates: list[float]
 def test_follows_the_decay_and_forgets_the_first_weights_soon() -> None:
     network = nn.Linear(1, 1, bias=False)
     nn.init.constant_(network.weight, 5)
-    average, wanted = WeightAverage(network, 0.5), 5.0
+    average, expected = WeightAverage(network, 0.5), 5.0
     for step in range(1, 20):
         nn.init.constant_(network.weight, float(step))
         average.update(network, step)
         decay = min(0.5, step / (step + 9))
-        wanted = decay * wanted + (1 - decay) * step
-        assert average.network.weight.item() == pytest.approx(wanted, rel=1e-5)
+        expected = decay * expected + (1 - decay) * step
+        assert average.network.weight.item() == pytest.approx(expected, rel=1e-5)
     assert network.weight.item() == 19
 
 
@@ -127,9 +127,9 @@ def test_the_accelerators_generator_is_restored(name: str, monkeypatch: pytest.M
     monkeypatch.setattr(module, "set_rng_state", lambda state, _: drawn.set_state(state))
     method = Proposed(EFFICIENT)
     saved = random_state(method, device)
-    wanted = torch.rand(3, generator=drawn)
+    expected = torch.rand(3, generator=drawn)
     load_random_state(method, device, SimpleNamespace(**saved))
-    assert torch.equal(torch.rand(3, generator=drawn), wanted)
+    assert torch.equal(torch.rand(3, generator=drawn), expected)
     for other in (None, torch.zeros(16, dtype=torch.uint8)):  # from a CPU, and from another kind
         before = drawn.get_state()
         load_random_state(method, device, SimpleNamespace(**saved | {"device_rng": other}))
@@ -139,15 +139,15 @@ def test_the_accelerators_generator_is_restored(name: str, monkeypatch: pytest.M
 def test_threads_are_given_or_saved_or_all_cores(tmp_path: Path) -> None:
     cores, count = usable_cores(), torch.get_num_threads()
     try:
-        for given, wanted in ((1, 1), (None, cores)):
-            set_threads(given, tmp_path)
-            assert torch.get_num_threads() == wanted
+        for threads, expected in ((1, 1), (None, cores)):
+            set_threads(threads, tmp_path)
+            assert torch.get_num_threads() == expected
         run = Run(EFFICIENT, Fabric(accelerator="cpu", devices=1), 1)
-        for saved, wanted in ((1, 1), (10_000, cores), (0, cores)):  # 0: not recorded
+        for saved, expected in ((1, 1), (10_000, cores), (0, cores)):  # 0: not recorded
             run.state = replace(run.state, threads=saved)
             run.save(tmp_path / CHECKPOINT)
             set_threads(None, tmp_path)
-            assert torch.get_num_threads() == wanted
+            assert torch.get_num_threads() == expected
     finally:
         torch.set_num_threads(count)
 
@@ -157,14 +157,14 @@ def test_gradients_of_a_batch_in_parts_are_those_of_the_whole(parts: int) -> Non
     random = torch.Generator().manual_seed(0)
     gray = torch.rand(4, 1, 32, 32, generator=random) * 2 - 1
     batch = TrainingBatch(gray, torch.rand(4, 1, 32, 32, generator=random) * 5 + 1)
-    found = []
+    results = []
     for count in (1, parts):
         config = updated(PAPER, {**PLAIN, "optim": {"pool_size": 0, "accumulate": count}})
         run = Run(config, Fabric(accelerator="cpu", devices=1), 5)
         losses = run.step(batch)
         grads = {n: w.grad for n, w in run.method.named_parameters() if w.grad is not None}
-        found.append((losses, grads))
-    (whole_losses, whole), (losses, grads) = found
+        results.append((losses, grads))
+    (whole_losses, whole), (losses, grads) = results
     assert losses == pytest.approx(whole_losses, rel=1e-5)
     assert grads.keys() == whole.keys()
     for name in [name for name in whole if whole[name].ndim > 1]:
@@ -215,11 +215,11 @@ def _images() -> Rooms:
 def _digest(values: torch.Tensor) -> list[float]:
     """Mean, spread, and means weighted by the place: across, down and in the batch."""
     values = values.double().cpu()
-    found = [values.mean(), values.std()]
+    digest = [values.mean(), values.std()]
     for axis in (0, 2, 3):
         shape = [-1 if i == axis else 1 for i in range(4)]
-        found.append((values * torch.linspace(-1, 1, values.shape[axis]).view(shape)).mean())
-    return [round(float(value), 5) for value in found]
+        digest.append((values * torch.linspace(-1, 1, values.shape[axis]).view(shape)).mean())
+    return [round(float(value), 5) for value in digest]
 
 
 def shown(name: str) -> dict[str, list[float]]:
@@ -258,19 +258,19 @@ def learned(name: str) -> dict[str, list[float]]:
 
 @pytest.mark.parametrize("name", SHOWN)
 def test_a_seed_shows_the_same_views(name: str) -> None:
-    wanted, found = json.loads(STORED.read_text())["shown"][name], shown(name)
-    assert found.keys() == wanted.keys()
-    for part, values in found.items():
-        assert values == pytest.approx(wanted[part], abs=5e-5), part
+    expected, digests = json.loads(STORED.read_text())["shown"][name], shown(name)
+    assert digests.keys() == expected.keys()
+    for part, values in digests.items():
+        assert values == pytest.approx(expected[part], abs=5e-5), part
 
 
 @pytest.mark.parametrize("name", LEARNED)
 def test_a_seed_learns_the_same(name: str) -> None:
-    wanted, found = json.loads(STORED.read_text())["learned"][name], learned(name)
-    assert found.keys() == wanted.keys()
-    for part, values in found.items():
-        assert values[0] == pytest.approx(wanted[part][0], rel=1e-3), part
-        assert values == pytest.approx(wanted[part], rel=1e-2), part  # as rounding errors grow
+    expected, digests = json.loads(STORED.read_text())["learned"][name], learned(name)
+    assert digests.keys() == expected.keys()
+    for part, values in digests.items():
+        assert values[0] == pytest.approx(expected[part][0], rel=1e-3), part
+        assert values == pytest.approx(expected[part], rel=1e-2), part  # as rounding errors grow
 
 
 if __name__ == "__main__":

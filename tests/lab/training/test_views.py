@@ -36,14 +36,14 @@ def test_a_turned_view_is_what_a_turned_camera_sees(
     plain = draw_views(12, size, replace(data, turn=0.0), seeded(1), fov)
     # Of the image, and of the view, whose focal length is the network's times the zoom.
     true = turned.grid * torch.tensor(halves)
-    own = _places(size) * torch.tensor(halves) * torch.tensor([size[0] / 64, size[1] / 48])
+    view = _places(size) * torch.tensor(halves) * torch.tensor([size[0] / 64, size[1] / 48])
     lengths, directions = [], []
-    for places in (true, own * plain.depth_scale):
+    for places in (true, view * plain.depth_scale):
         corners = places[:, [0, 0, -1, size[1] // 2], [0, -1, 0, size[0] // 3]]
         rays = torch.cat([corners, torch.ones(12, 4, 1)], 2)
         lengths.append(rays.norm(dim=2))
         directions.append(rays / lengths[-1][..., None])
-    cosines = [one @ one.transpose(1, 2) for one in directions]
+    cosines = [unit @ unit.transpose(1, 2) for unit in directions]
     torch.testing.assert_close(*cosines, atol=2e-5, rtol=0)
     scale = (turned.depth_scale / plain.depth_scale).expand(-1, 1, *turned.grid.shape[1:3])
     scale = scale[:, 0, [0, 0, -1, size[1] // 2], [0, -1, 0, size[0] // 3]]
@@ -137,11 +137,11 @@ def test_beyond_its_edge_an_image_goes_on_as_it_ends(border: float) -> None:
     """A gray room stays gray, and its flat wall flat, wherever a camera is turned."""
     data = replace(DATA, border=border)
     wall_m = torch.full((60, 1, 96, 128), 2.0)
-    seen = augment(torch.full((60, 3, 96, 128), 0.25), wall_m, data, seeded(4))
-    assert not seen.valid_mask.all()
-    torch.testing.assert_close(seen.network_input, torch.full_like(seen.network_input, -0.5))
+    views = augment(torch.full((60, 3, 96, 128), 0.25), wall_m, data, seeded(4))
+    assert not views.valid_mask.all()
+    torch.testing.assert_close(views.network_input, torch.full_like(views.network_input, -0.5))
     scale = draw_views(60, (64, 48), DATA, seeded(4)).depth_scale
-    torch.testing.assert_close(seen.depth_m, 2 * scale)
+    torch.testing.assert_close(views.depth_m, 2 * scale)
 
 
 COUNT = 8
@@ -171,10 +171,10 @@ def _variation(data: DataConfig, dataset: Rooms, halves: Tensor) -> float:
     batches = batches_of(store, data, COUNT)
     ramps, largest = _ramps(store.depth_m), 0.0
     for step in range(12):
-        seen = []
+        depths_m = []
         for store.depth_m in ramps:
-            seen.append(batches[step].depth_m[:, 0])
-        flat, *places = seen
+            depths_m.append(batches[step].depth_m[:, 0])
+        flat, *places = depths_m
         assert float(flat.min()) > 0
         grid = torch.stack([place / flat - 2 for place in places], -1)
         rows = batches._rows(store, step, COUNT, stream=2 if data.paired else 3)
@@ -184,8 +184,8 @@ def _variation(data: DataConfig, dataset: Rooms, halves: Tensor) -> float:
         axis = (middle / middle.norm(dim=-1, keepdim=True)).sum((1, 2))
         ratio = flat / torch.einsum("bhwc,bc->bhw", rays, axis)
         inner = (grid.abs() < 0.95).all(-1)  # the ramps end with the outermost pixels
-        for view, kept in zip(ratio, inner, strict=True):
-            largest = max(largest, float(view[kept].max() / view[kept].min()) - 1)
+        for view, inside in zip(ratio, inner, strict=True):
+            largest = max(largest, float(view[inside].max() / view[inside].min()) - 1)
     return largest
 
 

@@ -42,8 +42,8 @@ def test_regularized_l1_is_its_formula() -> None:
     for index in (0, 2):  # biases, norms and linear layers are no convolution weights
         for w in network.get_submodule(str(index)).weight.flatten().tolist():
             squares += w * w
-    found = regularized_l1(prediction, truth, network, penalty).item()
-    assert found == pytest.approx(distance + penalty * squares, rel=1e-5)
+    loss = regularized_l1(prediction, truth, network, penalty).item()
+    assert loss == pytest.approx(distance + penalty * squares, rel=1e-5)
 
 
 FORMS = ("lsgan", "hinge", "ralsgan")
@@ -67,10 +67,10 @@ def _mean(values: list[float]) -> float:
 
 def test_hinge_is_its_formula(outputs: tuple[Tensor, Tensor]) -> None:
     real, fake = (o.flatten().tolist() for o in outputs)
-    wanted = 0.5 * (_mean([max(0, 1 - r) for r in real]) + _mean([max(0, 1 + f) for f in fake]))
-    assert _loss(discriminator_loss, "hinge", outputs).item() == pytest.approx(wanted, rel=1e-5)
-    wanted = _mean([max(0, 1 - f) for f in fake])
-    assert _loss(generator_loss, "hinge", outputs).item() == pytest.approx(wanted, rel=1e-5)
+    hinge = 0.5 * (_mean([max(0, 1 - r) for r in real]) + _mean([max(0, 1 + f) for f in fake]))
+    assert _loss(discriminator_loss, "hinge", outputs).item() == pytest.approx(hinge, rel=1e-5)
+    hinge = _mean([max(0, 1 - f) for f in fake])
+    assert _loss(generator_loss, "hinge", outputs).item() == pytest.approx(hinge, rel=1e-5)
 
 
 def test_ralsgan_is_its_formula(outputs: tuple[Tensor, Tensor]) -> None:
@@ -109,11 +109,11 @@ def test_hdce_is_its_formula(gamma: float) -> None:
     query, key = unit_vectors(1), unit_vectors(2)
     terms = []
     for q, k in zip(query.double().numpy(), key.double().numpy(), strict=True):
-        for i, own in enumerate(q):
+        for i, anchor in enumerate(q):
             others = np.delete(k, i, 0)
             weights = np.exp(others @ k[i] / gamma)
             weights /= weights.max()
-            terms.append(np.log(np.exp((weights * (others @ own) - own @ k[i]) / TAU).sum()))
+            terms.append(np.log(np.exp((weights * (others @ anchor) - anchor @ k[i]) / TAU).sum()))
     assert hdce(query, key, gamma).item() == pytest.approx(np.mean(terms), rel=1e-5)
 
 
@@ -125,10 +125,10 @@ def test_patch_nce_is_its_formula(loss: Loss, fakes: bool) -> None:
     query, key = unit_vectors(1), unit_vectors(2)
     terms = []
     for q, k in zip(query.double().numpy(), key.double().numpy(), strict=True):
-        for i, own in enumerate(q):
+        for i, anchor in enumerate(q):
             keys = [k, np.delete(q, i, 0)] if fakes else [k]
             terms.append(
-                -np.log(np.exp(own @ k[i] / TAU) / np.exp(np.vstack(keys) @ own / TAU).sum())
+                -np.log(np.exp(anchor @ k[i] / TAU) / np.exp(np.vstack(keys) @ anchor / TAU).sum())
             )
     assert loss(query, key).item() == pytest.approx(np.mean(terms), rel=1e-5)
 
@@ -145,14 +145,14 @@ def test_only_the_query_receives_a_gradient(loss: Loss) -> None:
 def test_other_patches_of_the_prediction_are_held_still_too() -> None:
     """The paired form moves a query away from the others, and not the others away from it."""
     query, key = unit_vectors(5).requires_grad_(), unit_vectors(6)
-    (found,) = torch.autograd.grad(cfl_nce(query, key), query)
+    (gradient,) = torch.autograd.grad(cfl_nce(query, key), query)
     still, itself = query.detach(), torch.eye(query.shape[1], dtype=torch.bool)
     to_truth = query @ key.transpose(1, 2) / TAU
     to_others = (query @ still.transpose(1, 2) / TAU).masked_fill(itself, -torch.inf)
     chances = torch.cat([to_truth, to_others], 2).log_softmax(2)
     loss = -chances.diagonal(dim1=1, dim2=2).mean()
-    (wanted,) = torch.autograd.grad(loss, query)
-    torch.testing.assert_close(found, wanted)
+    (expected,) = torch.autograd.grad(loss, query)
+    torch.testing.assert_close(gradient, expected)
 
 
 @pytest.mark.parametrize("loss", LOSSES)

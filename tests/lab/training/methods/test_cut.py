@@ -33,8 +33,8 @@ def test_cut_is_gan_and_half_of_either_contrast() -> None:
     x, y = batch().network_input, coded(batch().depth_m)
     fake_y, same_y = method.generator(x), method.generator(y)
     discriminator = method.discriminator
-    wanted = ((discriminator(y) - 1) ** 2).mean() / 2 + (discriminator(fake_y) ** 2).mean() / 2
-    torch.testing.assert_close(terms["discriminator"], wanted)
+    expected = ((discriminator(y) - 1) ** 2).mean() / 2 + (discriminator(fake_y) ** 2).mean() / 2
+    torch.testing.assert_close(terms["discriminator"], expected)
     torch.testing.assert_close(terms["adversarial"], ((discriminator(fake_y) - 1) ** 2).mean())
     torch.manual_seed(5)
     nce_x = contrast(method, patch_nce, x, fake_y, flipped=False)
@@ -76,8 +76,8 @@ def test_hnegsrc_hardens_its_negatives_over_the_schedule(share_done: float, gamm
     keys, positions = method.sampler(method.generator.features(x))
     queries, _ = method.sampler(method.generator.features(method.generator(x)), positions)
     pairs = list(zip(queries, keys, strict=True))
-    wanted = sum(hard(q, k) for q, k in pairs) / 5
-    torch.testing.assert_close(terms["contrast_x"], 0.05 * wanted)
+    contrast_x = sum(hard(q, k) for q, k in pairs) / 5
+    torch.testing.assert_close(terms["contrast_x"], 0.05 * contrast_x)
     relation = sum(semantic_relation(q, k) for q, k in pairs) / 5
     torch.testing.assert_close(terms["relation"], 0.05 * relation)
     back = contrast(method, hard, y, method.generator(y), flipped=False)

@@ -23,24 +23,24 @@ def test_generators_lose_both_gans_the_cycles_and_the_identities(method: Any) ->
     gan = gan + ((method.gray_discriminator(fake_x) - 1) ** 2).mean()
     cycle = (backward(fake_y) - x).abs().mean() + (forward(fake_x) - y).abs().mean()
     same = (forward(y) - y).abs().mean() + (backward(x) - x).abs().mean()
-    wanted = {"adversarial": gan, "cycle": 10 * cycle, "identity": 5 * same}
-    found = method(batch(), "generator")
-    assert found.keys() == wanted.keys()
-    for name, value in wanted.items():
-        torch.testing.assert_close(found[name], value)
+    expected = {"adversarial": gan, "cycle": 10 * cycle, "identity": 5 * same}
+    terms = method(batch(), "generator")
+    assert terms.keys() == expected.keys()
+    for name, value in expected.items():
+        torch.testing.assert_close(terms[name], value)
 
 
 def test_each_discriminator_judges_its_own_domain(method: Any) -> None:
     x, y = batch().network_input, coded(batch().depth_m)
     method(batch(), "generator")
-    found = method(batch(), "discriminator")
+    terms = method(batch(), "discriminator")
     pairs = {
         "depth_discriminator": (method.depth_discriminator, y, method.generator(x)),
         "gray_discriminator": (method.gray_discriminator, x, method.backward_generator(y)),
     }
-    assert found.keys() == pairs.keys()
+    assert terms.keys() == pairs.keys()
     for name, (discriminator, real, fake) in pairs.items():
-        torch.testing.assert_close(found[name], _lsgan(discriminator(real), discriminator(fake)))
+        torch.testing.assert_close(terms[name], _lsgan(discriminator(real), discriminator(fake)))
 
 
 def _lsgan(real: Tensor, fake: Tensor) -> Tensor:
@@ -49,23 +49,23 @@ def _lsgan(real: Tensor, fake: Tensor) -> Tensor:
 
 def test_discriminators_are_shown_what_the_pool_gives_back(method: Any) -> None:
     """From the pool's first image on, every second fake or so is one of before."""
-    past, seen = torch.full((1, 32, 32), 0.5), []
+    past, sources = torch.full((1, 32, 32), 0.5), []
     for pool in method.pools:
         pool.size, pool.images = 1, [past]
     for seed in range(12):
         torch.manual_seed(seed)
         method(batch(), "generator")
-        found = method(batch(), "discriminator")["depth_discriminator"]
+        loss = method(batch(), "discriminator")["depth_discriminator"]
         y, fake_y = coded(batch().depth_m), method.generator(batch().network_input)
         discriminator = method.depth_discriminator
-        wanted = {
+        losses = {
             "past": _lsgan(discriminator(y), discriminator(past[None])),
             "now": _lsgan(discriminator(y), discriminator(fake_y)),
         }
-        seen += [name for name, value in wanted.items() if torch.isclose(found, value)]
+        sources += [name for name, value in losses.items() if torch.isclose(loss, value)]
         method.pools[1].images = [past]
-    assert set(seen) == {"past", "now"}
-    assert len(seen) == 12
+    assert set(sources) == {"past", "now"}
+    assert len(sources) == 12
 
 
 def _image(value: float) -> Tensor:
@@ -74,18 +74,18 @@ def _image(value: float) -> Tensor:
 
 def test_half_of_the_time_swaps_for_a_stored_one() -> None:
     torch.manual_seed(0)
-    pool, swapped, seen = ImagePool(4), 0, set(range(4))
+    pool, swapped, stored = ImagePool(4), 0, set(range(4))
     for value in range(4):
         pool.exchange(_image(value))
     for value in range(4, 404):
         out = int(pool.exchange(_image(value)).mean())
-        assert out in seen | {value}
+        assert out in stored | {value}
         if out != value:
             swapped += 1
-            seen = seen - {out} | {value}
-        assert {int(image.mean()) for image in pool.images} == seen
+            stored = stored - {out} | {value}
+        assert {int(image.mean()) for image in pool.images} == stored
     assert 160 < swapped < 240
-    assert not seen & set(range(4))  # every slot is swapped, sooner or later
+    assert not stored & set(range(4))  # every slot is swapped, sooner or later
 
 
 def test_no_pool_hands_everything_through_detached() -> None:
@@ -108,10 +108,10 @@ def test_stored_images_are_copies_of_one_image_each() -> None:
 def test_images_of_two_sizes_stay_among_their_own() -> None:
     torch.manual_seed(0)
     pool, wide = ImagePool(4), torch.zeros(2, 1, 2, 4)
-    seen = set()
+    fresh = set()
     for value in range(40):
         out = pool.exchange(torch.cat([_image(value), _image(value + 0.5)]))
         assert out.shape == (2, 1, 2, 2)
         assert pool.exchange(wide + value).shape == wide.shape
-        seen.add(float(out[0].mean()) == value)
-    assert seen == {True, False}
+        fresh.add(float(out[0].mean()) == value)
+    assert fresh == {True, False}

@@ -47,14 +47,14 @@ def test_gans_are_hinge_and_half_of_each_counts(name: str) -> None:
     fake = {"depth_discriminator": forward(x), "gray_discriminator": backward(y)}
     real = {"depth_discriminator": y, "gray_discriminator": x}
     deceived = torch.zeros(())
-    for role, made in fake.items():
+    for role, output in fake.items():
         discriminator = getattr(method, role)
         margins = (
             (1 - discriminator(real[role])).relu().mean(),
-            (1 + discriminator(made)).relu().mean(),
+            (1 + discriminator(output)).relu().mean(),
         )
         torch.testing.assert_close(terms[role], sum(margins) / 2)
-        deceived = deceived + (1 - discriminator(made)).relu().mean()
+        deceived = deceived + (1 - discriminator(output)).relu().mean()
     torch.testing.assert_close(terms["adversarial"], deceived / 2)
     same = (forward(y) - y).abs().mean() + (backward(x) - x).abs().mean()
     torch.testing.assert_close(terms["identity"], same / 2)

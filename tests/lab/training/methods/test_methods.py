@@ -82,10 +82,10 @@ UNPAIRED_METHODS = sorted(set(PAPER_METHODS) - {"proposed"})
 def _gradient(name: str, image: int, depth: int, **loss: Any) -> Tensor:
     """What one step would move every weight by, for one of two images and depth maps."""
     method = tiny_method(name, **loss)
-    seen = batch(image)._replace(depth_m=batch(depth).depth_m)
+    pair = batch(image)._replace(depth_m=batch(depth).depth_m)
     torch.manual_seed(5)
     for phase in method.phases:
-        torch.stack(list(method(seen, phase).values())).sum().backward()
+        torch.stack(list(method(pair, phase).values())).sum().backward()
     return torch.cat([weight.grad.flatten() for weight in method.parameters()])
 
 
@@ -95,9 +95,9 @@ def _interaction(name: str, **loss: Any) -> float:
     Where losses are sums of what looks at images and what looks at depth maps, exchanging the
     depth maps of two pairs leaves the sum of the two gradients as it was.
     """
-    own = _gradient(name, 0, 0, **loss) + _gradient(name, 1, 1, **loss)
+    paired = _gradient(name, 0, 0, **loss) + _gradient(name, 1, 1, **loss)
     exchanged = _gradient(name, 0, 1, **loss) + _gradient(name, 1, 0, **loss)
-    return float((own - exchanged).norm() / own.norm())
+    return float((paired - exchanged).norm() / paired.norm())
 
 
 # SimDCL's similarity compares an image with a fake that is made of the depth map: it is defined
@@ -175,12 +175,12 @@ def test_weights_schedules_and_half_steps_are_the_published_ones(name: str) -> N
 
 @pytest.mark.parametrize("name", PAPER_METHODS)
 def test_a_loss_that_the_method_has_not_is_refused(name: str) -> None:
-    own = set(WEIGHTS["cut" if name == "fastcut" else name])
-    own |= {"gradient"} if name == "proposed" else set()
+    supported = set(WEIGHTS["cut" if name == "fastcut" else name])
+    supported |= {"gradient"} if name == "proposed" else set()
     for term in sorted({"gradient"}.union(*WEIGHTS.values())):
         loss = replace(default_config(name).loss, **{term: 2.0})
         config = replace(default_config(name), loss=loss)
-        if term in own:
+        if term in supported:
             check_terms(config)
             continue
         with pytest.raises(UsageError):

@@ -68,8 +68,8 @@ def test_l1_is_equation_1_on_one_or_both_generators(both: bool) -> None:
     for name, value in terms.items():
         network, source, truth = pairs[name]
         penalty = 0.01 * sum((w.detach() ** 2).sum().item() for w in conv_weights(network))
-        wanted = 2 * ((network(source) - truth).abs().mean().item() + penalty)
-        assert value.item() == pytest.approx(wanted, rel=1e-5)
+        expected = 2 * ((network(source) - truth).abs().mean().item() + penalty)
+        assert value.item() == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize("name", ["contrast_x", "contrast_y"])
@@ -88,9 +88,9 @@ def test_contrast_is_equation_4_over_taps_at_the_same_positions(contrast: str, n
     torch.manual_seed(5)
     keys, positions = sampler(generator.features(source))
     queries, _ = sampler(generator.features(generator(translated_from)), positions)
-    wanted = [loss(q, k) for q, k in zip(queries, keys, strict=True)]
-    assert len(wanted) == 5
-    torch.testing.assert_close(value, 0.5 * sum(wanted) / 5)
+    losses = [loss(q, k) for q, k in zip(queries, keys, strict=True)]
+    assert len(losses) == 5
+    torch.testing.assert_close(value, 0.5 * sum(losses) / 5)
 
 
 @pytest.mark.parametrize("cycle", [0.0, 1.0])
@@ -104,8 +104,8 @@ def test_one_direction_judges_depth_alone(cycle: float) -> None:
     assert set(terms) == {"adversarial", "depth_discriminator"} | ({"cycle"} if cycle else set())
     fake = discriminator(method.generator(x))
     torch.testing.assert_close(terms["adversarial"], 2 * ((fake - 1) ** 2).mean())
-    wanted = ((discriminator(y) - 1) ** 2).mean() / 2 + (fake**2).mean() / 2
-    torch.testing.assert_close(terms["depth_discriminator"], wanted)
+    expected = ((discriminator(y) - 1) ** 2).mean() / 2 + (fake**2).mean() / 2
+    torch.testing.assert_close(terms["depth_discriminator"], expected)
     assert {name: len(images) for name, images in method.extra_state().items()} == {
         "pool_gray": 0,
         "pool_depth": 1,
@@ -126,8 +126,8 @@ def test_output_at_half_the_size_is_held_to_the_mean_of_the_truth() -> None:
     method, batch = Proposed(config), tiny_methods.batch()
     torch.nn.init.normal_(method.eval().generator.head.weight)
     raw, y = method.generator(batch.network_input), method.encode(batch.depth_m)
-    wanted = (raw - F.avg_pool2d(y, 2)).abs().mean()
-    torch.testing.assert_close(method(batch, "generator")["l1"], wanted)
+    expected = (raw - F.avg_pool2d(y, 2)).abs().mean()
+    torch.testing.assert_close(method(batch, "generator")["l1"], expected)
 
 
 @pytest.mark.parametrize("config", [PAPER, EFFICIENT], ids=["resnet", "efficient"])
@@ -151,9 +151,9 @@ def test_pixels_in_holes_are_not_learned(config: Any) -> None:
         assert abs((whole - other_whole).item()) > 1e-3
     raw = method.generator(plain.network_input)
     step = 32 // raw.shape[2]
-    seen = valid_mask[..., ::step, ::step] & valid_mask[..., step - 1 :: step, step - 1 :: step]
+    valid = valid_mask[..., ::step, ::step] & valid_mask[..., step - 1 :: step, step - 1 :: step]
     truth = F.avg_pool2d(method.encode(plain.depth_m), step)
-    torch.testing.assert_close(values[0][0]["l1"], (raw - truth).abs()[seen].mean())
+    torch.testing.assert_close(values[0][0]["l1"], (raw - truth).abs()[valid].mean())
 
 
 @pytest.mark.parametrize("config", [PAPER, EFFICIENT], ids=["resnet", "efficient"])
@@ -165,6 +165,6 @@ def test_backward_l1_is_of_measured_pixels_alone(config: Any) -> None:
         torch.nn.init.normal_(weight, std=0.1)
     valid_mask = torch.rand(1, 1, 32, 32, generator=torch.Generator().manual_seed(3)) < 0.6
     error = (generate(backward, method.encode(plain.depth_m)) - plain.network_input).abs()
-    found = method(plain._replace(valid_mask=valid_mask), "generator")["l1_backward"]
-    torch.testing.assert_close(found, 2 * error[valid_mask].mean())
+    l1 = method(plain._replace(valid_mask=valid_mask), "generator")["l1_backward"]
+    torch.testing.assert_close(l1, 2 * error[valid_mask].mean())
     assert abs((error[valid_mask].mean() - error.mean()).item()) > 1e-3

@@ -72,10 +72,10 @@ def test_pretrained_weights_are_read_by_order_for_gray_input(norm: str, weights:
     gray = torch.rand(2, 1, 64, 64) * 2 - 1
     # What the mean of ImageNet shifts is left to training: it is 0 in the middle of the range.
     std = torch.tensor(reference.default_cfg["std"]).view(1, 3, 1, 1)
-    wanted = reference(gray * 0.5 / std)
+    expected = reference(gray * 0.5 / std)
     with torch.no_grad():
-        for found, map_ in zip(network.encoder(gray), wanted, strict=True):
-            np.testing.assert_allclose(found.numpy(), map_.detach().numpy(), atol=1e-4)
+        for features, map_ in zip(network.encoder(gray), expected, strict=True):
+            np.testing.assert_allclose(features.numpy(), map_.detach().numpy(), atol=1e-4)
 
 
 def test_weights_of_another_encoder_are_refused(weights: Path, tmp_path: Path) -> None:

@@ -32,20 +32,20 @@ def _up(image: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("size", [(6, 8), (5, 7)])
 def test_down_is_its_formula(size: tuple[int, int]) -> None:
     image = torch.randn(1, 2, *size)
-    found = BlurDown(2)(image)
+    output = BlurDown(2)(image)
     for channel in range(2):
-        wanted = _down(image[0, channel].double().numpy())
-        np.testing.assert_allclose(found[0, channel], wanted, atol=1e-6)
+        expected = _down(image[0, channel].double().numpy())
+        np.testing.assert_allclose(output[0, channel], expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("size", [(3, 4), (5, 2)])
 def test_up_is_its_formula(size: tuple[int, int]) -> None:
     image = torch.randn(1, 2, *size)
-    found = GROW(image)
-    assert found.shape == (1, 2, 2 * size[0], 2 * size[1])
+    output = GROW(image)
+    assert output.shape == (1, 2, 2 * size[0], 2 * size[1])
     for channel in range(2):
-        wanted = _up(image[0, channel].double().numpy())
-        np.testing.assert_allclose(found[0, channel], wanted, atol=1e-6)
+        expected = _up(image[0, channel].double().numpy())
+        np.testing.assert_allclose(output[0, channel], expected, atol=1e-6)
 
 
 LAYOUTS = (torch.contiguous_format, torch.channels_last)

@@ -122,17 +122,17 @@ def test_similarity_map_is_full_precision_under_autocast(narrow: torch.dtype) ->
     torch.manual_seed(0)
     similarity_map, vectors = SimilarityMap(4), [torch.randn(2, 32, 16) / 16 for _ in range(4)]
     with torch.autocast("cpu", narrow):
-        found = similarity_map(vectors)
-    torch.testing.assert_close(found, similarity_map(vectors))
-    torch.testing.assert_close(found.norm(dim=1), torch.ones(2))
+        embedding = similarity_map(vectors)
+    torch.testing.assert_close(embedding, similarity_map(vectors))
+    torch.testing.assert_close(embedding.norm(dim=1), torch.ones(2))
 
 
 def test_similarity_map_gives_each_image_its_own_vector() -> None:
     torch.manual_seed(0)
     similarity_map, vectors = SimilarityMap(4), [torch.randn(3, 32, 16) for _ in range(4)]
-    found = similarity_map(vectors)
-    assert found.shape == (3, 64)
-    torch.testing.assert_close(found.norm(dim=1), torch.ones(3))
+    embedding = similarity_map(vectors)
+    assert embedding.shape == (3, 64)
+    torch.testing.assert_close(embedding.norm(dim=1), torch.ones(3))
     for i in range(3):
         alone = similarity_map([v[i : i + 1] for v in vectors])
-        torch.testing.assert_close(alone[0], found[i])
+        torch.testing.assert_close(alone[0], embedding[i])

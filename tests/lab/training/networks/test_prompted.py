@@ -56,17 +56,17 @@ def test_without_points_it_is_the_plain_network(kind: str) -> None:
     mask[0] = 0
     assert torch.equal(network(image), plain)
     enlarged = nn.functional.interpolate(plain, scale_factor=2, mode="bilinear")
-    found = network(image, prompt, mask)
-    torch.testing.assert_close(found[0], enlarged[0])
-    assert not torch.allclose(found[1], enlarged[1])
+    output = network(image, prompt, mask)
+    torch.testing.assert_close(output[0], enlarged[0])
+    assert not torch.allclose(output[1], enlarged[1])
 
 
 def test_depth_of_the_points_times_a_number_is_depth_times_it() -> None:
     network = PromptedGenerator(_base(), WIDTHS)
     image, prompt, mask = _known()
-    found = network(image, prompt, mask)
+    output = network(image, prompt, mask)
     moved = network(image, (prompt + 3) * mask, mask)
-    assert float((moved - found - 3).detach().abs().max()) < 1e-4
+    assert float((moved - output - 3).detach().abs().max()) < 1e-4
 
 
 def test_starts_as_an_interpolation_that_leaves_wrong_points_out() -> None:
@@ -89,21 +89,21 @@ def test_starts_as_an_interpolation_that_leaves_wrong_points_out() -> None:
 def test_farthest_known_depth_is_that_of_a_cell_of_stride_16() -> None:
     random = torch.Generator().manual_seed(2)
     predicted, wide = torch.rand(2, 2, 1, 16, 24, generator=random)
-    prompt, known = torch.rand(2, 2, 4, 16, 24, generator=random)
-    known = (known < 0.1).float()
-    points = Points(prompt, known, predicted.expand(2, 4, 16, 24))
-    found = points.beyond_farthest(wide)
-    for which in range(2):
+    prompt, mask = torch.rand(2, 2, 4, 16, 24, generator=random)
+    mask = (mask < 0.1).float()
+    points = Points(prompt, mask, predicted.expand(2, 4, 16, 24))
+    farthest = points.beyond_farthest(wide)
+    for i in range(2):
         means = []
         for top in (0, 8):
             for left in (0, 8, 16):
-                at = which, ..., slice(top, top + 8), slice(left, left + 8)
-                error = (prompt - predicted)[at] * known[at]
-                share = known[at].sum(0)
+                at = i, ..., slice(top, top + 8), slice(left, left + 8)
+                error = (prompt - predicted)[at] * mask[at]
+                share = mask[at].sum(0)
                 mean = error.sum(0) / share.clamp(min=1) + wide[at][0]
                 means.append(float((mean * share).sum() / share.sum()))
-        wanted = wide[which] - max(means) + points.centre[which]
-        torch.testing.assert_close(found[which], GAIN * wanted, rtol=1e-4, atol=1e-3)
+        expected = wide[i] - max(means) + points.centre[i]
+        torch.testing.assert_close(farthest[i], GAIN * expected, rtol=1e-4, atol=1e-3)
 
 
 def test_only_far_depth_of_half_of_the_views_is_made_nearer() -> None:
