@@ -47,12 +47,12 @@ def test_pixels_of_every_type_have_the_same_brightness_and_colours(dtype: type) 
     assert brightness(pixels) == pytest.approx(luma(pixels), abs=0.51 / 255)
     assert rgb(pixels) == pytest.approx(shares, abs=1e-6)
     transparent, repeated = levels[..., 0] > 128, np.dstack([levels[..., 0]] * 3)
-    for seen, expected in ((pixels, levels), (pixels[..., 0], repeated)):
-        frame = Frame(seen, transparent=transparent)
+    for image, expected in ((pixels, levels), (pixels[..., 0], repeated)):
+        frame = Frame(image, transparent=transparent)
         np.testing.assert_array_equal(frame.pixels_8bit(), expected)
         black = np.where(transparent[..., None], 0, expected)
         np.testing.assert_array_equal(frame.pixels_8bit(is_filled=False), black)
-        np.testing.assert_array_equal(Frame(seen).pixels_8bit(is_filled=False), expected)
+        np.testing.assert_array_equal(Frame(image).pixels_8bit(is_filled=False), expected)
     for gray in (value_channel, luma, brightness):
         assert gray(pixels[..., 0]) == pytest.approx(shares[..., 0], abs=1e-6)
     assert rgb(pixels[..., 0]) == pytest.approx(repeated / 255, abs=1e-6)
@@ -65,8 +65,8 @@ def test_float_pixels_are_kept_within_zero_and_one() -> None:
 
 
 def test_colours_of_high_dynamic_range_are_told() -> None:
-    told = [transfer_warning(code, "image", "sRGB") or "" for code in (1, 16, 17, 18)]
-    names = [re.findall(r"\((\w+)\).*image to sRGB", text) for text in told]
+    warnings = [transfer_warning(code, "image", "sRGB") or "" for code in (1, 16, 17, 18)]
+    names = [re.findall(r"\((\w+)\).*image to sRGB", text) for text in warnings]
     assert names == [[], ["PQ"], [], ["HLG"]]
 
 
@@ -82,9 +82,9 @@ def test_decoding_is_its_formula(transform: Transform) -> None:
     codec, raw = DepthCodec(transform, 0.25, 0.5), [-4, -2, 0, 0.8, 3]  # 0.25 · -2 + 0.5 = 0
     expected = [FORMULAS[transform](0.25 * value + 0.5) for value in raw]
     with np.errstate(all="raise"):
-        found = codec.decode(np.float32([*raw, math.nan]))
+        decoded = codec.decode(np.float32([*raw, math.nan]))
         scaled = codec.times(1.03).decode(np.float32(raw))
-    assert found.tolist() == pytest.approx([*expected, math.nan], rel=1e-6, nan_ok=True)
+    assert decoded.tolist() == pytest.approx([*expected, math.nan], rel=1e-6, nan_ok=True)
     assert scaled.tolist() == pytest.approx([1.03 * value for value in expected], rel=1e-6)
     with np.errstate(all="raise"):
         assert DepthCodec(Transform.EXP).decode(np.float32([89, 1])) == pytest.approx(
@@ -145,16 +145,16 @@ def test_camera_of_one_image_keeps_all_of_the_common_one_but_its_focal_length() 
 
 
 @pytest.mark.parametrize(
-    "given",
+    "arguments",
     [
         *((focal_px, None) for focal_px in (-400, 0, math.nan, math.inf)),
         *((None, hfov_deg) for hfov_deg in (180, -60)),
         (400, 60),
     ],
 )
-def test_impossible_camera_is_refused(given: tuple[Any, ...]) -> None:
+def test_impossible_camera_is_refused(arguments: tuple[Any, ...]) -> None:
     with pytest.raises(UsageError):
-        Intrinsics.given(*given)
+        Intrinsics.given(*arguments)
 
 
 def test_impossible_scale_of_a_camera_is_refused() -> None:
@@ -170,8 +170,8 @@ CALIBRATED = Intrinsics(400.0, None, (319.5, 200.0), (640, 480), 1.0)
 def test_principal_point_is_resized_with_its_image() -> None:
     half_x, half_y = (319.5 + 0.5) / 2 - 0.5, (200 + 0.5) / 2 - 0.5
     for size in ((320, 240), (321, 240), (321, 241)):  # one side may be rounded
-        found = CALIBRATED.centre_for(*size)
-        assert found == pytest.approx((half_x, half_y), rel=0.004)
+        centre_px = CALIBRATED.centre_for(*size)
+        assert centre_px == pytest.approx((half_x, half_y), rel=0.004)
     assert CALIBRATED.centre_for(640, 480) == (319.5, 200)
     assert Intrinsics(centre_px=(3.0, 4.0)).centre_for(7, 9) == (3, 4)
     for size in ((640, 360), (480, 640), (322, 240), (320, 241)):
@@ -208,7 +208,7 @@ def test_invalid_image_is_refused_in_one_line(pixels: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize(
-    ("what", "shown"),
+    ("what", "text"),
     [
         (Frame(np.zeros((4, 5), np.uint8), Path("b.png")), "<Frame 5×4, gray uint8, b.png>"),
         (Frame(np.zeros((4, 5, 3), np.float32)), "<Frame 5×4, RGB float32>"),
@@ -220,8 +220,8 @@ def test_invalid_image_is_refused_in_one_line(pixels: np.ndarray) -> None:
         (DepthMap(np.full((2, 2), np.nan, np.float32)), "<DepthMap 2×2, metric, no depth>"),
     ],
 )
-def test_images_and_maps_are_one_short_line_at_a_prompt(what: Frame | DepthMap, shown: str) -> None:
-    assert repr(what) == shown
+def test_images_and_maps_are_one_short_line_at_a_prompt(what: Frame | DepthMap, text: str) -> None:
+    assert repr(what) == text
 
 
 def test_a_range_is_of_what_has_depth() -> None:
@@ -235,9 +235,9 @@ def test_a_range_is_of_what_has_depth() -> None:
 
 
 def test_choices_are_plain_words_too_and_others_are_refused() -> None:
-    made = UpsamplingOptions("bilinear", AUTO_TILE, "model")
-    assert made == UpsamplingOptions(Upsampling.BILINEAR, 0, DepthMask.MODEL)
-    assert (type(made.upsampling), type(made.mask)) == (Upsampling, DepthMask)
+    chosen = UpsamplingOptions("bilinear", AUTO_TILE, "model")
+    assert chosen == UpsamplingOptions(Upsampling.BILINEAR, 0, DepthMask.MODEL)
+    assert (type(chosen.upsampling), type(chosen.mask)) == (Upsampling, DepthMask)
     for wrong in ({"upsampling": "cubic"}, {"mask": "sky"}):
         with pytest.raises(UsageError):
             UpsamplingOptions(**wrong)

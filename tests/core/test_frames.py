@@ -47,44 +47,44 @@ def pixels(window: Window) -> set[tuple[int, int]]:
     return {(x, y) for x in range(window.left, window.right) for y in rows}
 
 
-def numbered(window: Window, kept: Window, wanted: Window) -> np.ndarray:
-    """A number for each pixel of a window that is kept; (H, W) float32 over a wanted one."""
-    found = np.full((wanted.height, wanted.width), np.nan, np.float32)
-    for x, y in pixels(window) & pixels(kept) & pixels(wanted):
-        found[y - wanted.top, x - wanted.left] = 100 + 10 * x + y
-    return found
+def numbered(window: Window, data: Window, target: Window) -> np.ndarray:
+    """A number for each pixel of a window that has data; (H, W) float32 over a target window."""
+    values = np.full((target.height, target.width), np.nan, np.float32)
+    for x, y in pixels(window) & pixels(data) & pixels(target):
+        values[y - target.top, x - target.left] = 100 + 10 * x + y
+    return values
 
 
 @given(WINDOWS, WINDOWS, SIDES, SIDES)
-def test_windows_are_sets_of_pixels(one: Window, other: Window, columns: int, rows: int) -> None:
-    assert len(pixels(one)) == one.width * one.height
-    assert one.is_empty == (not pixels(one))
-    assert pixels(one.intersection(other)) == pixels(one) & pixels(other)
-    assert pixels(one.moved(columns, rows)) == {(x + columns, y + rows) for x, y in pixels(one)}
-    if not one.is_empty and not other.is_empty:
-        x, y = zip(*(pixels(one) | pixels(other)), strict=True)
-        assert one.union(other) == (min(x), min(y), max(x) + 1, max(y) + 1)
+def test_windows_are_sets_of_pixels(box: Window, other: Window, columns: int, rows: int) -> None:
+    assert len(pixels(box)) == box.width * box.height
+    assert box.is_empty == (not pixels(box))
+    assert pixels(box.intersection(other)) == pixels(box) & pixels(other)
+    assert pixels(box.moved(columns, rows)) == {(x + columns, y + rows) for x, y in pixels(box)}
+    if not box.is_empty and not other.is_empty:
+        x, y = zip(*(pixels(box) | pixels(other)), strict=True)
+        assert box.union(other) == (min(x), min(y), max(x) + 1, max(y) + 1)
 
 
 @given(AROUND, AROUND, AROUND)
 def test_values_of_a_window_are_those_of_its_pixels(
-    shown: Window, other: Window, data: Window
+    display: Window, other: Window, data: Window
 ) -> None:
-    same, whole = np.testing.assert_array_equal, shown.union(other)
-    values, windows = numbered(whole, whole, whole), Windows(whole, data, shown)
-    for wanted in (data, Window(9, 9, 11, 12)):
-        found = over_window(numbered(other, other, other), other, wanted)
-        same(found, numbered(other, other, wanted))
+    same, whole = np.testing.assert_array_equal, display.union(other)
+    values, windows = numbered(whole, whole, whole), Windows(whole, data, display)
+    for target in (data, Window(9, 9, 11, 12)):
+        crop = over_window(numbered(other, other, other), other, target)
+        same(crop, numbered(other, other, target))
     depth = DepthMap(values, DepthKind.RELATIVE, error=-values)
     same(masked_to_data_window(depth, windows).values, numbered(whole, data, whole))
-    found = displayed_depth(depth, windows)
-    same((found.values, -found.error), [numbered(whole, whole, shown)] * 2)
+    displayed = displayed_depth(depth, windows)
+    same((displayed.values, -displayed.error), [numbered(whole, whole, display)] * 2)
     frame = Frame(values.astype(np.uint8), windows=windows)
-    assert frame.display_size_px == (shown.width, shown.height)
-    seen = shown.union(windows.valid)
-    for cut, part in ((displayed_frame(frame), shown), (seen_frame(frame), seen)):
+    assert frame.display_size_px == (display.width, display.height)
+    visible = display.union(windows.valid)
+    for cut, part in ((displayed_frame(frame), display), (seen_frame(frame), visible)):
         same(cut.pixels, numbered(whole, whole, part))
-        assert cut.windows == Windows(part, data, shown)
+        assert cut.windows == Windows(part, data, display)
     for unchanged in (Frame(frame.pixels), displayed_frame(frame)):
         assert displayed_frame(unchanged) is unchanged
     assert displayed_depth(depth, None) is masked_to_data_window(depth, None) is depth
@@ -104,7 +104,7 @@ def test_rays_of_a_panorama_are_those_of_a_plain_loop(rows: slice) -> None:
 
 
 @pytest.mark.parametrize(
-    ("stated", "is_turned", "aspect"),
+    ("ratio", "is_turned", "aspect"),
     [
         *(
             (None, False, 1),
@@ -117,9 +117,9 @@ def test_rays_of_a_panorama_are_those_of_a_plain_loop(rows: slice) -> None:
     ],
 )
 def test_pixel_aspect_is_that_of_the_upright_image(
-    stated: Fraction | None, is_turned: bool, aspect: float
+    ratio: Fraction | None, is_turned: bool, aspect: float
 ) -> None:
-    assert pixel_aspect_of(stated, is_turned=is_turned) == aspect
+    assert pixel_aspect_of(ratio, is_turned=is_turned) == aspect
 
 
 @pytest.mark.parametrize(
@@ -145,12 +145,12 @@ def test_map_states_what_of_its_camera_is_given() -> None:
     source = Provenance("m", focal_px=3.0, is_cropped=True, camera_source=CameraSource.EXIF)
     depth = DepthMap(np.ones((6, 8), np.float32), provenance=source)
     assert with_camera(depth, Intrinsics()) is depth
-    found = with_camera(depth, Intrinsics(centre_px=(1.0, 2.0), pixel_aspect=2.0)).provenance
-    assert found == replace(source, centre_px=(1.0, 2.0), pixel_aspect=2.0)
-    found = with_camera(depth, Intrinsics(hfov_deg=90)).provenance
+    provenance = with_camera(depth, Intrinsics(centre_px=(1.0, 2.0), pixel_aspect=2.0)).provenance
+    assert provenance == replace(source, centre_px=(1.0, 2.0), pixel_aspect=2.0)
+    provenance = with_camera(depth, Intrinsics(hfov_deg=90)).provenance
     option = CameraSource.OPTION
-    wanted = replace(source, focal_px=pytest.approx(4), is_cropped=False, camera_source=option)
-    assert found == wanted
+    expected = replace(source, focal_px=pytest.approx(4), is_cropped=False, camera_source=option)
+    assert provenance == expected
     bare = DepthMap(depth.values)
     assert with_camera(bare, Intrinsics(5.0)).provenance == Provenance(
         focal_px=5.0, camera_source=option
@@ -166,11 +166,11 @@ def test_missing_values_are_those_of_the_nearest_pixel() -> None:
     random = np.random.default_rng(0)
     values = random.random((20, 30), np.float32)
     valid = random.random((20, 30)) < np.linspace(0, 0.7, 30) ** 2  # ever more of them touch
-    found, places = filled_nearest(values, valid), np.argwhere(valid)
+    filled, places = filled_nearest(values, valid), np.argwhere(valid)
     for place in np.ndindex(20, 30):
         apart = np.hypot(*(places - place).T)
-        near = {values[tuple(one)] for one in places[apart <= 1.1 * apart.min()]}
-        assert found[place] in near
+        near = {values[tuple(pixel)] for pixel in places[apart <= 1.1 * apart.min()]}
+        assert filled[place] in near
     assert filled_nearest(values, np.ones_like(valid)) is values
 
 

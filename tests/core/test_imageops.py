@@ -61,9 +61,9 @@ def test_lines_are_those_of_a_plain_loop(radius: int, *, sharpens: bool) -> None
     coarse = np.float32(step + random.uniform(0, 0.002, (22, 40)) * columns)
     coarse += 0 if sharpens else 4096  # wherever depth begins, the line is as precise
     guide = random.uniform(0, 0.2, (22, 40))
-    found = guided_coefficients(coarse, np.float32(guide), radius, sharpens=sharpens)
+    coefficients = guided_coefficients(coarse, np.float32(guide), radius, sharpens=sharpens)
     expected = plain_coefficients(coarse.astype(float), guide, radius, sharpens=sharpens)
-    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-4)
+    np.testing.assert_allclose(coefficients, expected, rtol=1e-6, atol=1e-4)
 
 
 @pytest.mark.parametrize("shape", [(7, 9), (48, 50), (47, 99)])
@@ -81,8 +81,8 @@ def test_upsampling_clamps_the_line_of_each_place(
     values = (slope * bright + offset).clip(low, high)
     for pixels in (160_000, 500):
         monkeypatch.setattr(bands, "BAND_PIXELS", pixels)
-        found = upsample_guided(coarse, frame, in_log=in_log, radius=2)
-        np.testing.assert_allclose(found, np.exp(values) if in_log else values, rtol=1e-5)
+        upsampled = upsample_guided(coarse, frame, in_log=in_log, radius=2)
+        np.testing.assert_allclose(upsampled, np.exp(values) if in_log else values, rtol=1e-5)
     assert [rows.stop for rows in bands.row_bands(103, 101)] == [*range(5, 101, 5), 101]
 
 
@@ -106,8 +106,8 @@ def test_a_smeared_edge_is_steep_and_a_slope_stays() -> None:
     between = [np.count_nonzero((values > 2.2) & (values < 3.8)) for values in (row, smeared)]
     assert between[0] < 0.5 * between[1]
     slope = np.geomspace(1, 9, 96, dtype=np.float32)[None].repeat(72, 0)
-    found, wanted = (upsample_guided(slope, plain, in_log=log)[120] for log in (True, False))
-    np.testing.assert_allclose(found, wanted, rtol=0.01)
+    in_log, linear = (upsample_guided(slope, plain, in_log=log)[120] for log in (True, False))
+    np.testing.assert_allclose(in_log, linear, rtol=0.01)
 
 
 @pytest.mark.parametrize("off", range(4))
@@ -159,9 +159,9 @@ def test_area_is_the_mean_where_it_shrinks_and_bilinear_where_it_grows() -> None
 def test_a_sample_is_bilinear_between_the_middles_of_pixels() -> None:
     values = np.random.default_rng(2).random((3, 4), np.float32)
     row, column = np.float64([[0.5, 0], [1, 0.5], [3, 3.75], [2, 2]]).T  # in pixels
-    found = bands.sample_bilinear(values, row / 3, column / 4)
+    sampled = bands.sample_bilinear(values, row / 3, column / 4)
     expected = values[0, 0], values[:2, 0].mean(), values[2, 3], values[1:, 1:3].mean()
-    assert found == pytest.approx(expected, abs=1e-6)
+    assert sampled == pytest.approx(expected, abs=1e-6)
 
 
 def test_corners_keep_their_place() -> None:

@@ -77,7 +77,7 @@ def test_opencv_keeps_its_threads_unless_workers_need_them(workers: int, inside:
 
 
 @pytest.mark.parametrize(
-    ("asked", "shared"),
+    ("limits", "shared"),
     [
         ((None, None), (8, 1)),
         ((1, None), (1, 8)),
@@ -88,10 +88,10 @@ def test_opencv_keeps_its_threads_unless_workers_need_them(workers: int, inside:
     ],
 )
 def test_each_worker_has_its_share_of_eight_cores(
-    monkeypatch: pytest.MonkeyPatch, asked: tuple[int | None, ...], shared: tuple[int, int]
+    monkeypatch: pytest.MonkeyPatch, limits: tuple[int | None, ...], shared: tuple[int, int]
 ) -> None:
     monkeypatch.setattr(cores, "usable_cores", lambda: 8)
-    assert cores.share_cores(*asked) == shared
+    assert cores.share_cores(*limits) == shared
 
 
 @pytest.mark.parametrize(

@@ -118,12 +118,12 @@ def test_anything_is_read_or_refused_in_one_line(value: Any, name: str) -> None:
     try:
         validated(Outer, {"name": "x", name: value})
     except FieldError as refused:
-        said = str(refused)
+        message = str(refused)
     else:
         return
-    assert said.startswith(name)
-    assert said.isprintable()
-    assert len(said) < 400
+    assert message.startswith(name)
+    assert message.isprintable()
+    assert len(message) < 400
 
 
 def test_all_faults_are_in_one_error() -> None:

@@ -66,14 +66,14 @@ def test_edges_are_those_of_a_plain_loop(shape: tuple[int, int], spread: float) 
     depth_m = np.exp(random.normal(0, spread, shape)).astype(np.float32)
     depth_m[random.random(shape) < 0.05] = np.nan
     surface, torn = surface_of(DepthMap(depth_m), FOCAL_PX), []
-    for found, lines in ((surface.right, depth_m), (surface.down.T, depth_m.T)):
+    for edges, lines in ((surface.right, depth_m), (surface.down.T, depth_m.T)):
         steps = [plain_steps(line) for line in lines]
         torn += [stand_out(line, 87) for line in steps]
         expected = [
             [np.isfinite(step) and not out for step, out in zip(*both, strict=True)]
             for both in zip(steps, torn[-len(steps) :], strict=True)
         ]
-        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_array_equal(edges, expected)
     across, down = [[flying(line) for line in lines] for lines in (depth_m, depth_m.T)]
     np.testing.assert_array_equal(is_flying(depth_m, FOCAL_PX), across | np.transpose(down))
     assert holds_edge(depth_m, FOCAL_PX) == any(map(any, (*across, *down, *torn)))

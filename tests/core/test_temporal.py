@@ -101,11 +101,11 @@ def test_smoothing_is_that_of_a_plain_loop() -> None:
 def corrections(
     images: list[Array], logs: list[Array], look_ahead: int, cuts: set[int], decay: float = 0.8
 ) -> list[Correction]:
-    deflicker, found = Deflicker(look_ahead), []
+    deflicker, per_frame = Deflicker(look_ahead), []
     for i, (image, values) in enumerate(zip(images, logs, strict=True)):
-        found += deflicker.step(image, values, decay, is_cut=i in cuts)
-        assert max(0, i + 1 - look_ahead) <= len(found) <= i + 1
-    return found + deflicker.finish()
+        per_frame += deflicker.step(image, values, decay, is_cut=i in cuts)
+        assert max(0, i + 1 - look_ahead) <= len(per_frame) <= i + 1
+    return per_frame + deflicker.finish()
 
 
 @settings(max_examples=20, deadline=None)
@@ -120,9 +120,9 @@ def test_flickering_scale_becomes_its_mean_or_trend_around_each_frame(
     cuts.add(0)
     image, base = noise(0), noise(1)
     logs = [base + np.float32(rise) for rise in rises]
-    found = corrections([image] * len(rises), logs, look_ahead, cuts)
-    assert len(found) == len(rises)
-    for now, correction in enumerate(found):
+    per_frame = corrections([image] * len(rises), logs, look_ahead, cuts)
+    assert len(per_frame) == len(rises)
+    for now, correction in enumerate(per_frame):
         first = max([cut for cut in cuts if cut <= now] + [now - (look_ahead or now)])
         end = min([cut for cut in cuts if cut > now] + [len(rises), now + look_ahead + 1])
         times = np.arange(first, end) - now
@@ -151,10 +151,10 @@ def test_flicker_goes_from_depth_that_moves_and_a_true_change_stays(step_px: int
         sides = random.normal(0, 0.02, 2)
         flicker.append(np.linspace(sides[0], sides[1], 160, dtype=np.float32))
     logs = [depth + rise for depth, rise in zip(truth, flicker, strict=True)]
-    found = corrections(images, logs, 6, {0}, 0.85)
+    per_frame = corrections(images, logs, 6, {0}, 0.85)
     steady = [
         values + cv2.resize(correction.rise, values.shape[::-1])
-        for values, correction in zip(logs, found, strict=True)
+        for values, correction in zip(logs, per_frame, strict=True)
     ]
     before, after = (np.subtract(maps, truth) for maps in (logs, steady))
     assert np.abs(np.diff(after, axis=0)).mean() < 0.35 * np.abs(np.diff(before, axis=0)).mean()
@@ -205,7 +205,7 @@ def test_images_of_any_size_are_steadied(shape: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("kind", DepthKind)
 def test_flicker_is_the_mean_change_of_still_pixels(kind: DepthKind) -> None:
-    meter, before, found = FlickerMeter(kind), noise(0), []
+    meter, before, changes = FlickerMeter(kind), noise(0), []
     for number in range(6):
         values = noise(number) * (number != 3)  # without a range
         values[2, number] = np.nan
@@ -217,13 +217,13 @@ def test_flicker_is_the_mean_change_of_still_pixels(kind: DepthKind) -> None:
         else:
             is_unscaled = kind is DepthKind.METRIC or number == 3
             unit = 1.0 if is_unscaled else np.nanmax(values) - np.nanmin(values)
-            found += [
+            changes += [
                 abs(values[place] - before[place]) / unit
                 for place in np.ndindex(12, 16)
                 if difference[place] < np.float32(0.02)
             ]
         before = values
-    assert meter.value == pytest.approx(np.nanmean(found), rel=1e-5)
+    assert meter.value == pytest.approx(np.nanmean(changes), rel=1e-5)
 
 
 def test_a_sample_is_the_middle_of_each_cell() -> None:

@@ -6,8 +6,8 @@ import pytest
 
 
 @pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder that takes models, one of the test's own."""
+def models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder that takes models, one for each test."""
     folder = tmp_path / "own"
     monkeypatch.setenv("DEPTHCLI_MODELS", str(folder))
     return folder

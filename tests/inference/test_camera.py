@@ -64,18 +64,18 @@ def test_squeezed_images_have_the_metres_and_the_points_of_square_ones(
     camera: dict[str, float],
 ) -> None:
     pipeline, (width, height) = model(tmp_path, **fit), shape
-    given, exif = camera.copy(), camera.get("exif")
-    given.pop("exif", None)
-    square = pipeline.predict(black(width, height, focal_35mm=exif), Intrinsics(**given)).depth
-    stated = {"pixel_aspect": aspect}
-    if "focal_px" in given:  # as of a calibration, which knows of the pixels, too
-        given, stated = stated | {"focal_px": given["focal_px"] / aspect}, {}
-    squeezed = black(round(width / aspect), height, focal_35mm=exif, **stated)
-    depth = pipeline.predict(squeezed, Intrinsics(**given)).depth
+    options, exif = camera.copy(), camera.get("exif")
+    options.pop("exif", None)
+    square = pipeline.predict(black(width, height, focal_35mm=exif), Intrinsics(**options)).depth
+    facts = {"pixel_aspect": aspect}
+    if "focal_px" in options:  # as of a calibration, which knows of the pixels, too
+        options, facts = facts | {"focal_px": options["focal_px"] / aspect}, {}
+    squeezed = black(round(width / aspect), height, focal_35mm=exif, **facts)
+    depth = pipeline.predict(squeezed, Intrinsics(**options)).depth
     assert depth.provenance.input_size_px == square.provenance.input_size_px
     assert depth.provenance.pixel_aspect == aspect
     assert depth.values[0, 0] == pytest.approx(square.values[0, 0], rel=1e-6)
-    clouds = [point_cloud(one, one.provenance.focal_px).xyz_m for one in (square, depth)]
+    clouds = [point_cloud(map_, map_.provenance.focal_px).xyz_m for map_ in (square, depth)]
     for cloud, pixel_width in zip(clouds, (1, aspect), strict=True):
         half_pixels = np.float32([(width - pixel_width) / 2, (height - 1) / 2])
         focal_px = square.provenance.focal_px
@@ -104,7 +104,7 @@ def test_other_shapes_are_taken_for_crops_of_the_learned_camera_s_images(
 
 
 @pytest.mark.parametrize(
-    ("given", "exif_mm", "source", "focal_px"),
+    ("camera", "exif_mm", "source", "focal_px"),
     [
         (Intrinsics(focal_px=40), 50.0, CameraSource.OPTION, 40),
         (Intrinsics(hfov_deg=90), 50.0, CameraSource.OPTION, 20),
@@ -113,10 +113,10 @@ def test_other_shapes_are_taken_for_crops_of_the_learned_camera_s_images(
     ],
 )
 def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(
-    tmp_path: Path, given: Intrinsics, exif_mm: float, source: CameraSource, focal_px: float
+    tmp_path: Path, camera: Intrinsics, exif_mm: float, source: CameraSource, focal_px: float
 ) -> None:
-    found = model(tmp_path).predict(black(40, 30, focal_35mm=exif_mm), given).depth.provenance
-    assert (found.camera_source, found.focal_px) == (source, pytest.approx(focal_px))
+    provenance = model(tmp_path).predict(black(40, 30, focal_35mm=exif_mm), camera).depth.provenance
+    assert (provenance.camera_source, provenance.focal_px) == (source, pytest.approx(focal_px))
 
 
 @pytest.mark.parametrize(
@@ -125,17 +125,17 @@ def test_the_focal_length_given_wins_over_exif_and_exif_over_the_card(
 def test_map_without_metres_of_a_camera_stays(tmp_path: Path, changes: dict[str, Any]) -> None:
     pipeline = model(tmp_path, **changes)
     plain = pipeline.predict(black(40, 30, timestamp_s=2.5)).depth
-    stated = pipeline.predict(black(40, 30, focal_35mm=20.0, timestamp_s=2.5)).depth
-    np.testing.assert_array_equal(stated.values, plain.values)
+    with_exif = pipeline.predict(black(40, 30, focal_35mm=20.0, timestamp_s=2.5)).depth
+    np.testing.assert_array_equal(with_exif.values, plain.values)
     sha256 = pipeline.session.model.sha256
     assert plain.provenance == Provenance("tiny", sha256, (16, 12), None, 1, time_s=2.5)
     focal_px = 20 * math.hypot(40, 30) / math.hypot(36, 24)
-    assert stated.provenance == replace(
+    assert with_exif.provenance == replace(
         plain.provenance, focal_px=pytest.approx(focal_px), camera_source=CameraSource.EXIF
     )
-    given = pipeline.predict(black(40, 30), Intrinsics(focal_px=50, centre_px=(9, 8))).depth
-    np.testing.assert_array_equal(given.values, plain.values)
-    assert given.provenance == Provenance(
+    with_option = pipeline.predict(black(40, 30), Intrinsics(focal_px=50, centre_px=(9, 8))).depth
+    np.testing.assert_array_equal(with_option.values, plain.values)
+    assert with_option.provenance == Provenance(
         "tiny", sha256, (16, 12), 50, 1, camera_source=CameraSource.OPTION, centre_px=(9, 8)
     )
     for lens, count in (
@@ -148,7 +148,7 @@ def test_map_without_metres_of_a_camera_stays(tmp_path: Path, changes: dict[str,
 
 
 @pytest.mark.parametrize(
-    ("size", "facts", "given", "told"),
+    ("size", "facts", "options", "expected"),
     [
         ((40, 30), {"focal_mm": 36.0}, {}, "36 mm"),
         ((40, 30), {"focal_mm": 36.0}, {"hfov_deg": 50}, ""),
@@ -164,12 +164,12 @@ def test_a_focal_length_that_may_not_be_that_of_the_image_is_told(
     tmp_path: Path,
     size: tuple[int, int],
     facts: dict[str, float],
-    given: dict[str, float],
-    told: str,
+    options: dict[str, float],
+    expected: str,
 ) -> None:
     """Phones (CustomRendered 6 of iOS) keep the lens's 35-mm equivalent in panoramas."""
-    found = model(tmp_path).predict(black(*size, **facts), Intrinsics(**given)).warnings
-    assert {word for word in ("36 mm", "panorama") if word in str(found)} == {told} - {""}
+    warnings = model(tmp_path).predict(black(*size, **facts), Intrinsics(**options)).warnings
+    assert {word for word in ("36 mm", "panorama") if word in str(warnings)} == {expected} - {""}
 
 
 @pytest.mark.parametrize("pixel_aspect", [1.0, 4 / 3])

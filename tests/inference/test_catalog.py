@@ -14,28 +14,28 @@ from depthcli.models import catalog
 
 
 def test_a_name_wins_over_a_folder_of_that_name_here(
-    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    models: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_model(own / "tiny", version="shelf")
+    write_model(models / "tiny", version="shelf")
     write_model(tmp_path / "here" / "tiny", version="here")
     monkeypatch.chdir(tmp_path / "here")
     assert catalog.find_model("tiny").card.version == "shelf"
     assert catalog.find_model("./tiny").card.version == "here"
 
 
-def test_a_card_may_be_inside_or_beside_one_onnx_file(own: Path) -> None:
-    own.mkdir()
-    path = own / "single.onnx"
+def test_a_card_may_be_inside_or_beside_one_onnx_file(models: Path) -> None:
+    models.mkdir()
+    path = models / "single.onnx"
     path.write_bytes(tiny_onnx(card=json.dumps(card_with({"name": "alone"}))))
-    for found in (catalog.find_model(path), catalog.find_model("single")):
-        assert (found.path, found.card.name) == (path, "alone")
+    for model in (catalog.find_model(path), catalog.find_model("single")):
+        assert (model.path, model.card.name) == (path, "alone")
     path.write_bytes(tiny_onnx())
-    (own / "single.card.json").write_text(json.dumps(card_with({"name": "beside"})))
+    (models / "single.card.json").write_text(json.dumps(card_with({"name": "beside"})))
     assert catalog.find_model(path).card.name == "beside"
 
 
 @pytest.mark.parametrize("name", ["nothing", "./nothing", "nothing.onnx", "/", "", "last.ckpt"])
-@pytest.mark.usefixtures("own")
+@pytest.mark.usefixtures("models")
 def test_unknown_model_is_an_error_and_a_checkpoint_is_told_from_one(name: str) -> None:
     with pytest.raises(ModelError, match="export-onnx" if name == "last.ckpt" else None):
         catalog.find_model(name)

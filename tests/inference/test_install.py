@@ -33,8 +33,8 @@ def write_card(path: Path, **changes: object) -> str:
     return str(path)
 
 
-def test_a_name_that_is_taken_is_said_before_anything_is_fetched(own: Path, tmp_path: Path) -> None:
-    write_model(own / "mine")
+def test_a_taken_name_is_said_before_anything_is_fetched(models: Path, tmp_path: Path) -> None:
+    write_model(models / "mine")
     with pytest.raises(UsageError):
         add_model(tmp_path / "none.onnx", name="mine")
     with pytest.raises(ModelError):
@@ -42,14 +42,14 @@ def test_a_name_that_is_taken_is_said_before_anything_is_fetched(own: Path, tmp_
 
 
 @pytest.mark.parametrize("name", ["", "../x", "a/b", ".hidden", "a.onnx", "ä", "x" * 101, "a\n"])
-def test_a_name_that_is_no_file_name_is_refused(own: Path, file: Path, name: str) -> None:
+def test_a_name_that_is_no_file_name_is_refused(models: Path, file: Path, name: str) -> None:
     card = write_card(file.with_name("c.json"))
     with pytest.raises(DepthcliError):
         add_model(file, card, name=name)
-    assert not own.exists()
+    assert not models.exists()
 
 
-def test_the_card_inside_or_beside_is_enough(own: Path, tmp_path: Path) -> None:
+def test_the_card_inside_or_beside_is_enough(models: Path, tmp_path: Path) -> None:
     inside, beside = tmp_path / "inside.onnx", tmp_path / "beside.onnx"
     inside.write_bytes(tiny_onnx(card=json.dumps(card_with({"name": "in"}))))
     beside.write_bytes(tiny_onnx())
@@ -58,7 +58,7 @@ def test_the_card_inside_or_beside_is_enough(own: Path, tmp_path: Path) -> None:
     assert add_model(inside).card.name == "in"
     assert add_model(beside).card.name == "by"
     assert add_model(folder / "model.onnx").card.name == "folder"
-    assert sorted(p.name for p in own.iterdir()) == ["by", "folder", "in"]
+    assert sorted(p.name for p in models.iterdir()) == ["by", "folder", "in"]
     beside.with_name("beside.card.json").unlink()
     write_card(tmp_path / "card.json", file="other.onnx")
     with pytest.raises(UsageError, match=r"card\.json is that of other\.onnx"):
@@ -67,28 +67,28 @@ def test_the_card_inside_or_beside_is_enough(own: Path, tmp_path: Path) -> None:
         find_model(beside)
 
 
-def test_a_graph_that_runs_in_one_size_only_says_how_to_state_it(own: Path, tmp_path: Path) -> None:
+def test_a_graph_of_one_size_says_how_to_state_it(models: Path, tmp_path: Path) -> None:
     (tmp_path / "a.onnx").write_bytes(fixed_inside())
     card = write_card(tmp_path / "c.json", input__fit="keep-aspect")
     with pytest.raises(ModelError):
         add_model(tmp_path / "a.onnx", card)
-    assert not list(own.glob("tiny"))
+    assert not list(models.glob("tiny"))
     follows = write_card(tmp_path / "c.json", input__dynamic=False, input__fit="stretch")
     add_model(tmp_path / "a.onnx", follows)
-    ((_, found),) = verify_models(["tiny"])
-    assert not isinstance(found, DepthcliError)
-    changed = json.loads((own / "tiny/card.json").read_text())
+    ((_, outcome),) = verify_models(["tiny"])
+    assert not isinstance(outcome, DepthcliError)
+    changed = json.loads((models / "tiny/card.json").read_text())
     changed["input"] |= {"dynamic": True, "fit": "keep-aspect"}
-    (own / "tiny/card.json").write_text(json.dumps(changed))
-    ((_, found),) = verify_models(["tiny"])
-    assert isinstance(found, DepthcliError)
-    assert "16 x 12" in str(found)
+    (models / "tiny/card.json").write_text(json.dumps(changed))
+    ((_, outcome),) = verify_models(["tiny"])
+    assert isinstance(outcome, DepthcliError)
+    assert "16 x 12" in str(outcome)
 
 
-def test_a_taken_name_needs_force(own: Path, file: Path, tmp_path: Path) -> None:
+def test_a_taken_name_needs_force(models: Path, file: Path, tmp_path: Path) -> None:
     card = write_card(tmp_path / "c.json")
     add_model(file, card)
-    (own / "tiny" / "card.json").touch()
+    (models / "tiny" / "card.json").touch()
     before = find_model("tiny")
     file.write_bytes(tiny_onnx(stride=2))
     with pytest.raises(UsageError):
@@ -98,7 +98,7 @@ def test_a_taken_name_needs_force(own: Path, file: Path, tmp_path: Path) -> None
     assert after.sha256 != before.sha256
     assert after.card.file != before.card.file  # so that the old one stays whole to the end
     assert find_model("tiny").sha256 == after.sha256
-    assert [p.name for p in own.iterdir()] == ["tiny"]
+    assert [p.name for p in models.iterdir()] == ["tiny"]
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_a_taken_name_needs_force(own: Path, file: Path, tmp_path: Path) -> None
     ],
 )
 def test_model_that_does_not_fit_its_card_is_not_added(
-    own: Path, file: Path, tmp_path: Path, changes: dict[str, object], problem: str
+    models: Path, file: Path, tmp_path: Path, changes: dict[str, object], problem: str
 ) -> None:
     changes = {"output__kind": "relative"} | changes
     changes |= {"output__min_m": None, "output__max_m": None}
@@ -124,28 +124,28 @@ def test_model_that_does_not_fit_its_card_is_not_added(
     with pytest.raises(ModelError, match=problem) as caught:
         add_model(file, card)
     assert ".depthcli-work" not in str(caught.value)  # which is gone when the message is read
-    assert not own.exists() or not list(own.iterdir())
+    assert not models.exists() or not list(models.iterdir())
 
 
-def test_a_fixed_graph_needs_its_size_in_the_card(own: Path, file: Path, tmp_path: Path) -> None:
+def test_a_fixed_graph_needs_its_size_in_the_card(models: Path, file: Path, tmp_path: Path) -> None:
     file.write_bytes(tiny_onnx(size=(24, 32)))
     with pytest.raises(ModelError):
         add_model(file, write_card(tmp_path / "c.json"))
     card = write_card(tmp_path / "c.json", input__width=32, input__height=24, input__dynamic=False)
     assert add_model(file, card).card.input.width == 32
-    assert (own / "tiny").is_dir()
+    assert (models / "tiny").is_dir()
     file.write_bytes(tiny_onnx(size=(24, 32), card=json.dumps(card_with({"name": "inside"}))))
     with pytest.raises(ModelError):
         add_model(file)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", "null"])
-def test_a_card_that_is_no_object_is_refused(own: Path, file: Path, text: str) -> None:
+def test_a_card_that_is_no_object_is_refused(models: Path, file: Path, text: str) -> None:
     card = file.with_name("c.json")
     card.write_text(text)
     with pytest.raises(ModelError):
         add_model(file, str(card))
-    assert not own.exists()
+    assert not models.exists()
 
 
 def test_a_folder_that_cannot_be_made_is_an_error(
@@ -171,103 +171,103 @@ replace_folder(Path(sys.argv[2]), Path(sys.argv[3]), "card.json")
 """
 
 
-def test_a_killed_replacement_leaves_one_of_the_two(own: Path, file: Path, tmp_path: Path) -> None:
+def test_a_killed_replacement_leaves_one_of_two(models: Path, file: Path, tmp_path: Path) -> None:
     card = write_card(tmp_path / "c.json")
     old = add_model(file, card)
     file.write_bytes(tiny_onnx(stride=2))
-    seen, code = set(), 9
+    hashes, code = set(), 9
     for count in range(99):
-        made = write_model(tmp_path / f"made-{count}", file.read_bytes(), file="model-new.onnx")
-        (made / "model.onnx").rename(made / "model-new.onnx")
-        command = [sys.executable, "-c", _KILLED, str(count), str(made), str(own / "tiny")]
+        folder = write_model(tmp_path / f"made-{count}", file.read_bytes(), file="model-new.onnx")
+        (folder / "model.onnx").rename(folder / "model-new.onnx")
+        command = [sys.executable, "-c", _KILLED, str(count), str(folder), str(models / "tiny")]
         code = subprocess.run(command, check=False, timeout=60).returncode
         if code != 9:  # it had no rename left at which it was to be killed
             break
-        seen.add(find_model("tiny").sha256)
+        hashes.add(find_model("tiny").sha256)
     assert code == 0
     new = find_model("tiny").sha256
-    assert seen == {old.sha256, new}
-    assert sorted(path.name for path in (own / "tiny").iterdir()) == ["card.json", "model-new.onnx"]
+    assert hashes == {old.sha256, new}
+    assert {path.name for path in (models / "tiny").iterdir()} == {"card.json", "model-new.onnx"}
 
 
-def test_leftovers_of_a_killed_process_are_removed(own: Path, file: Path, tmp_path: Path) -> None:
-    write_model(own / ".depthcli-work" / "tiny")
+def test_leftovers_of_a_killed_run_are_removed(models: Path, file: Path, tmp_path: Path) -> None:
+    write_model(models / ".depthcli-work" / "tiny")
     add_model(file, write_card(tmp_path / "c.json"))
-    assert [path.name for path in own.iterdir()] == ["tiny"]
-    with workspace(own), pytest.raises(UsageError):
+    assert [path.name for path in models.iterdir()] == ["tiny"]
+    with workspace(models), pytest.raises(UsageError):
         remove_model("tiny")
-    write_model(own / ".depthcli-work" / "tiny")
+    write_model(models / ".depthcli-work" / "tiny")
     remove_model("tiny")
-    assert not list(own.iterdir())
+    assert not list(models.iterdir())
 
 
 @pytest.mark.parametrize(
     "other", ["last.ckpt", "wide.card.json", "runs/a.ckpt", ".env", ".git/HEAD"]
 )
 def test_a_folder_with_other_files_is_neither_replaced_nor_removed(
-    own: Path, file: Path, tmp_path: Path, other: str
+    models: Path, file: Path, tmp_path: Path, other: str
 ) -> None:
-    card, kept = write_card(tmp_path / "c.json"), own / "tiny" / other
-    kept.parent.mkdir(parents=True)
-    kept.write_text("kept")
+    card, extra = write_card(tmp_path / "c.json"), models / "tiny" / other
+    extra.parent.mkdir(parents=True)
+    extra.write_text("kept")
     with pytest.raises(UsageError):
         add_model(file, card)  # without a card, the folder is not in the list of models
-    (write_model(own / "tiny") / "model.onnx").rename(own / "tiny/net.onnx")
-    fields = json.loads((own / "tiny/card.json").read_text())
-    (own / "tiny/card.json").write_text(json.dumps(fields | {"file": "net.onnx"}))
+    (write_model(models / "tiny") / "model.onnx").rename(models / "tiny/net.onnx")
+    fields = json.loads((models / "tiny/card.json").read_text())
+    (models / "tiny/card.json").write_text(json.dumps(fields | {"file": "net.onnx"}))
     with pytest.raises(UsageError):
         add_model(file, card, force=True)
     with pytest.raises(UsageError):
         remove_model("tiny")
-    assert kept.read_text() == "kept"
+    assert extra.read_text() == "kept"
     assert find_model("tiny").card.file == "net.onnx"
-    kept.rename(tmp_path / "moved")
+    extra.rename(tmp_path / "moved")
     if "/" in other:
-        kept.parent.rmdir()
+        extra.parent.rmdir()
     remove_model("tiny")
-    assert not list(own.iterdir())
+    assert not list(models.iterdir())
 
 
-def test_only_own_models_are_removed(own: Path, tmp_path: Path) -> None:
-    write_model(own / "mine")
+def test_only_own_models_are_removed(models: Path, tmp_path: Path) -> None:
+    write_model(models / "mine")
     for name in ("default", "nowhere", "../own/mine"):
         with pytest.raises(UsageError):
             remove_model(name)
-    assert remove_model("mine") == own / "mine"
-    assert not (own / "mine").exists()
+    assert remove_model("mine") == models / "mine"
+    assert not (models / "mine").exists()
     assert tmp_path.exists()
 
 
-def test_a_model_of_one_file_is_removed_with_its_card(own: Path) -> None:
-    own.mkdir()
-    (own / "flat.onnx").write_bytes(tiny_onnx())
-    write_card(own / "flat.card.json")
-    (own / "other.txt").write_text("stays")
+def test_a_model_of_one_file_is_removed_with_its_card(models: Path) -> None:
+    models.mkdir()
+    (models / "flat.onnx").write_bytes(tiny_onnx())
+    write_card(models / "flat.card.json")
+    (models / "other.txt").write_text("stays")
     remove_model("flat")
-    assert [p.name for p in own.iterdir()] == ["other.txt"]
-    (own / "flat.onnx").write_bytes(tiny_onnx(card=json.dumps(card_with({}))))
-    (own / "flat").mkdir()
-    (own / "flat" / "model.onnx").write_text("of another program")
-    assert remove_model("flat") == own / "flat.onnx"
-    assert sorted(p.name for p in own.iterdir()) == ["flat", "other.txt"]
-    assert [p.name for p in (own / "flat").iterdir()] == ["model.onnx"]
+    assert [p.name for p in models.iterdir()] == ["other.txt"]
+    (models / "flat.onnx").write_bytes(tiny_onnx(card=json.dumps(card_with({}))))
+    (models / "flat").mkdir()
+    (models / "flat" / "model.onnx").write_text("of another program")
+    assert remove_model("flat") == models / "flat.onnx"
+    assert sorted(p.name for p in models.iterdir()) == ["flat", "other.txt"]
+    assert [p.name for p in (models / "flat").iterdir()] == ["model.onnx"]
 
 
 def test_a_link_is_removed_and_never_replaced_or_followed(
-    own: Path, file: Path, tmp_path: Path
+    models: Path, file: Path, tmp_path: Path
 ) -> None:
     elsewhere = write_model(tmp_path / "elsewhere")
-    own.mkdir()
-    (own / "tiny").symlink_to(elsewhere)
+    models.mkdir()
+    (models / "tiny").symlink_to(elsewhere)
     with pytest.raises(UsageError):
         add_model(file, write_card(tmp_path / "c.json"), force=True)
-    assert (own / "tiny").is_symlink()
+    assert (models / "tiny").is_symlink()
     remove_model("tiny")
-    assert not list(own.iterdir())
+    assert not list(models.iterdir())
     assert (elsewhere / "card.json").is_file()
 
 
-def test_weights_in_a_second_file_have_a_checksum_too(own: Path, tmp_path: Path) -> None:
+def test_weights_in_a_second_file_have_a_checksum_too(models: Path, tmp_path: Path) -> None:
     path, options = tmp_path / "big.onnx", {"size_threshold": 0, "convert_attribute": True}
     model = onnx.load_from_string(tiny_onnx())
     onnx.save(model, path, save_as_external_data=True, location="big.onnx_data", **options)
@@ -279,19 +279,19 @@ def test_weights_in_a_second_file_have_a_checksum_too(own: Path, tmp_path: Path)
     ((name, outcome),) = verify_models(["tiny"])
     assert (name, outcome) == ("tiny", find_model("tiny"))
     add_model(path, card, force=True)  # all of its files are a model's
-    stored = own / "tiny" / data.file
+    stored = models / "tiny" / data.file
     stored.write_bytes(stored.read_bytes()[::-1])
     with pytest.raises(ModelError, match="another checksum"):
         find_model("tiny")
     remove_model("tiny")
-    assert not list(own.iterdir())
+    assert not list(models.iterdir())
     (tmp_path / data.file).unlink()
     with pytest.raises(ModelError, match=r"big\.onnx_data"):
         add_model(path, card)
 
 
 @pytest.mark.parametrize("location", ["../secret", "/etc/hostname", "sub/w"])
-@pytest.mark.usefixtures("own")
+@pytest.mark.usefixtures("models")
 def test_weights_outside_the_folder_of_the_model_are_refused(location: str, tmp_path: Path) -> None:
     model = onnx.load_from_string(tiny_onnx())
     (tensor,) = model.graph.initializer

@@ -28,24 +28,24 @@ MOST = 1e-3  # mean difference by standard deviation, as in the benchmark
 
 
 def opened(name: str) -> tuple[Session, Frame, Mapping[str, npt.NDArray[np.float32]]]:
-    kept = np.load(KEPT / f"{name}.npz")
+    arrays = np.load(KEPT / f"{name}.npz")
     fields = ready_fields(name)
-    if "known" in kept:
-        rows, columns = kept["known"].shape
+    if "known" in arrays:
+        rows, columns = arrays["known"].shape
         fields["input"]["known_depth"] |= {"width": columns, "height": rows}
     fields |= {"onnx": {"opset": 18, "ir": 8} | fields.get("onnx", {})}
     card = ModelCard.from_json(json.dumps(fields))
-    data = kept["onnx"].tobytes()
+    data = arrays["onnx"].tobytes()
     path = Path(f"{name}.onnx")
     model = Model(path=path, card=card, sha256="", size_bytes=len(data), data=data)
-    return Session(model, provider="cpu"), Frame(kept["picture"]), kept
+    return Session(model, provider="cpu"), Frame(arrays["picture"]), arrays
 
 
-def known_points(kept: Mapping[str, npt.NDArray[np.float32]], frame: Frame) -> KnownDepth | None:
+def known_points(arrays: Mapping[str, npt.NDArray[np.float32]], frame: Frame) -> KnownDepth | None:
     """Points at the centres of the pixels of known depth, a map of the whole image."""
-    if "known" not in kept:
+    if "known" not in arrays:
         return None
-    depth_m = kept["known"]
+    depth_m = arrays["known"]
     (y, x), (rows, columns) = np.indices(depth_m.shape), depth_m.shape
     at = (x + 0.5) * frame.width / columns - 0.5, (y + 0.5) * frame.height / rows - 0.5
     return KnownDepth.of_table(np.stack([*at, depth_m], axis=-1).reshape(-1, 3))
@@ -60,42 +60,42 @@ def assert_same(ours: npt.NDArray[np.float32], theirs: npt.NDArray[np.float32]) 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_output_at_the_size_of_the_network_is_that_of_the_authors(name: str) -> None:
-    session, frame, kept = opened(name)
+    session, frame, arrays = opened(name)
     batch, layout = prepare(session.model.card.input, frame)
-    assert batch.shape[2:] == tuple(kept["size"])
-    points = known_points(kept, frame)
+    assert batch.shape[2:] == tuple(arrays["size"])
+    points = known_points(arrays, frame)
     card = session.model.card
     prompts = None if points is None else [prompt_input(card, points, frame, layout)]
     ours = session.run(batch, prompts)[0]
-    z = ours[..., 2] if ours.ndim > kept["raw"].ndim else ours
-    assert_same(z[::STEP, ::STEP], kept["raw"].reshape(kept["raw"].shape[-2:]))
-    if "metres" in kept:
-        camera = Intrinsics(float(kept["focal_px"]))
+    z = ours[..., 2] if ours.ndim > arrays["raw"].ndim else ours
+    assert_same(z[::STEP, ::STEP], arrays["raw"].reshape(arrays["raw"].shape[-2:]))
+    if "metres" in arrays:
+        camera = Intrinsics(float(arrays["focal_px"]))
         scale = metric_scale(session.model.card, frame, layout, camera)
         metres = coarse_depth(session.model.card.output, ours, layout) * scale
-        assert_same(metres[::STEP, ::STEP], kept["metres"])
+        assert_same(metres[::STEP, ::STEP], arrays["metres"])
 
 
 @pytest.mark.parametrize(
     "name", [name for name in NAMES if "full" in np.load(KEPT / f"{name}.npz")]
 )
 def test_depth_of_an_image_is_that_of_the_authors(name: str) -> None:
-    session, frame, kept = opened(name)
-    focal_px = float(kept["focal_px"]) if "focal_px" in kept else None
-    mask = DepthMask.MODEL if "has" in kept else DepthMask.NONE
+    session, frame, arrays = opened(name)
+    focal_px = float(arrays["focal_px"]) if "focal_px" in arrays else None
+    mask = DepthMask.MODEL if "has" in arrays else DepthMask.NONE
     pipeline = Pipeline(session, UpsamplingOptions(Upsampling.MODEL, mask=mask))
-    depth = pipeline.predict(frame, Intrinsics(focal_px), known_points(kept, frame)).depth
+    depth = pipeline.predict(frame, Intrinsics(focal_px), known_points(arrays, frame)).depth
     everywhere = np.ones(depth.values.shape, bool)
-    has = next((kept[name] for name in ("has", "at") if name in kept), everywhere)
-    assert_same(np.where(has, depth.values, np.nan), np.where(has, kept["full"], np.nan))
-    if "has" in kept:
+    has = next((arrays[name] for name in ("has", "at") if name in arrays), everywhere)
+    assert_same(np.where(has, depth.values, np.nan), np.where(has, arrays["full"], np.nan))
+    if "has" in arrays:
         assert np.mean(np.isfinite(depth.values) != has) < 0.02
-    if "hfov_deg" in kept:
+    if "hfov_deg" in arrays:
         assert depth.provenance.camera_source is CameraSource.MODEL
 
 
 def test_cards_without_a_comparison_say_why() -> None:
     cards = {name: ready_fields(name).get("verification", {}) for name in ready_names()}
-    compared = {name for name, found in cards.items() if "difference" in found}
-    assert all(found.get("why_none") for name, found in cards.items() if name not in compared)
+    compared = {name for name, check in cards.items() if "difference" in check}
+    assert all(check.get("why_none") for name, check in cards.items() if name not in compared)
     assert len(compared) >= 12

@@ -114,10 +114,10 @@ def test_each_image_has_its_own_camera_and_anchors(kinect: Pipeline) -> None:
     cameras = (Intrinsics(40.0), UNKNOWN_CAMERA, Intrinsics(hfov_deg=50.0))
     anchors = (None, KnownDepth.of([Anchor(3, 4, 2.5)]), None)
     together = kinect.predict_many(frames, cameras, anchors)
-    for found, *one in zip(together, frames, cameras, anchors, strict=True):
-        alone = kinect.predict(*one).depth
-        np.testing.assert_array_equal(found.depth.values, alone.values)
-        assert found.depth.provenance == alone.provenance
+    for prediction, *inputs in zip(together, frames, cameras, anchors, strict=True):
+        alone = kinect.predict(*inputs).depth
+        np.testing.assert_array_equal(prediction.depth.values, alone.values)
+        assert prediction.depth.provenance == alone.provenance
     assert together[1].depth.values[4, 3] == 2.5
 
 
@@ -135,10 +135,10 @@ def test_a_network_that_takes_one_image_gets_one_at_a_time(
 ) -> None:
     graph = onnx.load_from_string(tiny_onnx())
     graph.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
-    one = load(write_model(tmp_path, graph.SerializeToString()))
-    assert (one.session.takes_one, kinect.session.takes_one) == (True, False)
-    found = one.predict_many([gray(0), gray(255)], [UNKNOWN_CAMERA] * 2, [None] * 2)
-    assert [each.depth.values[9, 9] for each in found] == pytest.approx([1, 9])
+    single = load(write_model(tmp_path, graph.SerializeToString()))
+    assert (single.session.takes_one, kinect.session.takes_one) == (True, False)
+    predictions = single.predict_many([gray(0), gray(255)], [UNKNOWN_CAMERA] * 2, [None] * 2)
+    assert [each.depth.values[9, 9] for each in predictions] == pytest.approx([1, 9])
 
 
 def test_the_error_of_depth_is_what_another_model_gives(kinect: Pipeline) -> None:
@@ -170,9 +170,9 @@ def test_many_pixels_at_an_end_of_the_range_are_told(
     values = np.full((40, 40), 3, np.float32)
     values[:, :columns] = end_m
     values[:, 3 - columns % 4 : 3] = 3  # every fourth is counted
-    found = _range_warnings(spec, DepthMap(values), scale=2.0)
-    assert [word in text for text in found] == [True] * bool(word)
-    assert all(text.startswith("10%") and "1 to 18 m" in text for text in found)
+    warnings = _range_warnings(spec, DepthMap(values), scale=2.0)
+    assert [word in text for text in warnings] == [True] * bool(word)
+    assert all(text.startswith("10%") and "1 to 18 m" in text for text in warnings)
     for kind, other in ((DepthKind.RELATIVE, spec), (DepthKind.METRIC, replace(spec, min_m=None))):
         assert not _range_warnings(other, DepthMap(values, kind), scale=2.0)
 
@@ -191,9 +191,9 @@ def test_known_depth_is_an_input_of_a_model_that_takes_it(
 ) -> None:
     """The relief of its map is then that of the points, beyond the range of the model alone."""
     points = KnownDepth(np.arange(0, 40, 8), np.arange(0, 30, 6), np.full(5, known_m))
-    known = [None, replace(points, fit=DepthFit.LOCAL), points]
-    found = prompted.predict_many([gray(0)] * 3, [UNKNOWN_CAMERA] * 3, known)
-    reliefs = [np.ptp(np.log(one.depth.values)) for one in found]
+    anchors = [None, replace(points, fit=DepthFit.LOCAL), points]
+    predictions = prompted.predict_many([gray(0)] * 3, [UNKNOWN_CAMERA] * 3, anchors)
+    reliefs = [np.ptp(np.log(prediction.depth.values)) for prediction in predictions]
     assert reliefs[0] == pytest.approx(0, abs=1e-4)
     assert reliefs[1] == pytest.approx(0, abs=1e-4)
     assert reliefs[2] > 0.2
@@ -211,13 +211,13 @@ def test_from_two_points_on_another_network_takes_them(
     assert both == (*alone[:-1], prompted.session.identity(knows_depth=False)) != alone
     many = KnownDepth(np.arange(0, 50, 8), np.arange(0, 42, 6), np.full(7, 2.0))
     two, one = (replace(many, x=many.x[:n], y=many.y[:n], depth_m=many.depth_m[:n]) for n in (2, 1))
-    known = [None, one, two, many, replace(many, fit=DepthFit.LOCAL)]
+    anchors = [None, one, two, many, replace(many, fit=DepthFit.LOCAL)]
     sources = [
-        one.depth.provenance
-        for one in kinect.predict_many([gray(0, 48, 64)] * 5, [UNKNOWN_CAMERA] * 5, known)
+        prediction.depth.provenance
+        for prediction in kinect.predict_many([gray(0, 48, 64)] * 5, [UNKNOWN_CAMERA] * 5, anchors)
     ]
-    own, other = kinect.card.name, prompted.card.name
-    assert [source.model for source in sources] == [own, own, other, other, own]
+    base, other = kinect.card.name, prompted.card.name
+    assert [source.model for source in sources] == [base, base, other, other, base]
     fits = [source.anchor_fit and source.anchor_fit.fit for source in sources]
     assert fits == [None, "global", "network", "network", "local"]
 
@@ -270,8 +270,8 @@ def test_fit_chooses_how_depth_follows(prompted: Pipeline, kinect: Pipeline, fit
 @pytest.fixture
 def needing(tmp_path: Path) -> Pipeline:
     """A model that gives the map of 8×6 that it takes as known depth."""
-    known = {"input": "lidar", "width": 8, "height": 6}
-    changes = {"input__known_depth": known, "output__scale": 1.0, "output__shift": 0.0}
+    fields = {"input": "lidar", "width": 8, "height": 6}
+    changes = {"input__known_depth": fields, "output__scale": 1.0, "output__shift": 0.0}
     return load(write_model(tmp_path / "needing", known_depth_onnx(), **changes))
 
 
@@ -288,10 +288,10 @@ def test_a_network_that_needs_known_depth_gets_it_everywhere(needing: Pipeline) 
 
 def test_a_network_that_needs_known_depth_gives_none_without(needing: Pipeline) -> None:
     points = KnownDepth(np.arange(5), np.arange(5), np.full(5, 2.0))
-    one = KnownDepth(points.x[:1], points.y[:1], points.depth_m[:1])
-    for known in (None, one, replace(points, fit=DepthFit.GLOBAL)):
+    single = KnownDepth(points.x[:1], points.y[:1], points.depth_m[:1])
+    for anchors in (None, single, replace(points, fit=DepthFit.GLOBAL)):
         with pytest.raises(InputError, match="needs known depth"):
-            needing.predict(gray(0), anchors=known)
+            needing.predict(gray(0), anchors=anchors)
     tiled = Pipeline(needing.session, UpsamplingOptions(tile_px=20))
     with pytest.raises(InputError, match="no tiles"):
         tiled.predict(gray(0), anchors=points)
@@ -346,21 +346,21 @@ def test_an_output_that_the_graph_lacks_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "source", "focal_px"),
+    ("option_px", "source", "focal_px"),
     [(None, CameraSource.MODEL, 16), (50.0, CameraSource.OPTION, 50)],
 )
 def test_own_view_scales_metres_where_the_camera_is_unknown(
-    tmp_path: Path, given: float | None, source: CameraSource, focal_px: float
+    tmp_path: Path, option_px: float | None, source: CameraSource, focal_px: float
 ) -> None:
     camera = {"focal_px": 10.0, "along": "width", "hfov_output": "view"}
-    made = pipeline(tmp_path, UpsamplingOptions(), camera=camera)
-    found = made.predict(bright_right(), Intrinsics(given)).depth
-    assert (found.provenance.camera_source, found.provenance.focal_px) == (
+    model = pipeline(tmp_path, UpsamplingOptions(), camera=camera)
+    depth = model.predict(bright_right(), Intrinsics(option_px)).depth
+    assert (depth.provenance.camera_source, depth.provenance.focal_px) == (
         source,
         pytest.approx(focal_px),
     )
-    columns = made.card.input.width
-    assert found.values[0, 0] == pytest.approx(focal_px * columns / 32 / 10)
+    columns = model.card.input.width
+    assert depth.values[0, 0] == pytest.approx(focal_px * columns / 32 / 10)
 
 
 SHIFT = 1.5
@@ -377,23 +377,23 @@ def points(width: int, height: int, hfov_deg: float) -> np.ndarray:
 
 @pytest.mark.parametrize("size", [(80, 60), (60, 80), (200, 50)])
 @pytest.mark.parametrize("hfov_deg", [30, 60, 100])
-@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("has_view", [False, True])
 def test_shift_and_view_are_those_of_the_camera(
-    size: tuple[int, int], hfov_deg: float, known: bool
+    size: tuple[int, int], hfov_deg: float, has_view: bool
 ) -> None:
-    given = points(*size, hfov_deg)
-    depth, view_deg = depth_of_points(given, hfov_deg=hfov_deg if known else None)
-    np.testing.assert_allclose(depth, given[..., 2] + SHIFT, rtol=1e-5)
+    cloud = points(*size, hfov_deg)
+    depth, view_deg = depth_of_points(cloud, hfov_deg=hfov_deg if has_view else None)
+    np.testing.assert_allclose(depth, cloud[..., 2] + SHIFT, rtol=1e-5)
     assert view_deg == pytest.approx(hfov_deg, rel=1e-5)
 
 
 @pytest.mark.parametrize("count", [2, 1, 0])
 def test_points_without_depth_do_not_count(count: int) -> None:
     """From two on they tell the shift; of fewer, depth is theirs, with a view of its shape."""
-    given = points(64, 64, 60)
-    bad, has_depth = np.full_like(given, 50), np.zeros((64, 64), bool)
+    cloud = points(64, 64, 60)
+    bad, has_depth = np.full_like(cloud, 50), np.zeros((64, 64), bool)
     has_depth[:count, 3] = True
-    bad[has_depth] = given[has_depth]
+    bad[has_depth] = cloud[has_depth]
     depth, view_deg = depth_of_points(bad, has_depth)
     shift, expected_deg = (SHIFT, 60) if count > 1 else (0, math.degrees(2 * math.atan(0.5**0.5)))
     np.testing.assert_allclose(depth - bad[..., 2], shift, rtol=1e-4)

@@ -171,7 +171,7 @@ def test_only_metres_above_zero_blend_in_log() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fit", "size", "image", "seen"),
+    ("fit", "size", "image", "expected"),
     [
         (Fit.LOWER_BOUND, (16, 12), (16, 12), (20, 15)),  # rounding would cross the bound
         (Fit.UPPER_BOUND, (18, 13), (18, 13), (15, 10)),
@@ -188,11 +188,11 @@ def test_only_metres_above_zero_blend_in_log() -> None:
     ],
 )
 def test_sizes_without_padding(
-    fit: Fit, size: tuple[int, int], image: tuple[int, int], seen: tuple[int, int]
+    fit: Fit, size: tuple[int, int], image: tuple[int, int], expected: tuple[int, int]
 ) -> None:
     width, height = size
-    found = input_layout(spec(width=width, height=height, multiple_of=5, fit=fit), *image)
-    assert found == Layout(*seen, 0, 0, *seen)
+    layout = input_layout(spec(width=width, height=height, multiple_of=5, fit=fit), *image)
+    assert layout == Layout(*expected, 0, 0, *expected)
 
 
 def test_known_depth_is_the_mean_logarithm_of_each_pixel_of_the_layout() -> None:
@@ -205,8 +205,8 @@ def test_known_depth_is_the_mean_logarithm_of_each_pixel_of_the_layout() -> None
     for column, row, depth_m in zip(x[:-4], y[:-4], points.depth_m, strict=False):
         cell = 2 + int((row + 0.5) * 8 / 30), 1 + int((column + 0.5) * 14 / 40)
         cells.setdefault(cell, []).append(math.log(depth_m))
-    log_m, known = _on_grid_of(points, Frame(np.zeros((30, 40), np.uint8)), layout)
+    log_m, has_depth = _on_grid_of(points, Frame(np.zeros((30, 40), np.uint8)), layout)
     for cell in np.ndindex(12, 16):
-        assert known[cell] == (cell in cells)
+        assert has_depth[cell] == (cell in cells)
         logs = cells.get(cell, [0.0])
         assert log_m[cell] == pytest.approx(sum(logs) / len(logs))

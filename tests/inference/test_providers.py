@@ -32,16 +32,16 @@ def starting(monkeypatch: pytest.MonkeyPatch, broken: str) -> list[dict[str, dic
     Returns:
         What is wanted of each session, with its options.
     """
-    wanted: list[dict[str, dict[str, str]]] = []
+    attempts: list[dict[str, dict[str, str]]] = []
 
-    def start(data: bytes, options: Any, stated: list[Any], *, enable_fallback: int) -> Any:
-        wanted.append(dict(stated))
-        if session.PROVIDERS[broken] in wanted[-1]:
+    def start(data: bytes, options: Any, providers: list[Any], *, enable_fallback: int) -> Any:
+        attempts.append(dict(providers))
+        if session.PROVIDERS[broken] in attempts[-1]:
             raise RuntimeError("no such device\nsecond line")
         return REAL(data, options, ["CPUExecutionProvider"], enable_fallback=enable_fallback)
 
     monkeypatch.setattr(session.ort, "InferenceSession", start)
-    return wanted
+    return attempts
 
 
 @pytest.mark.parametrize(
@@ -64,9 +64,9 @@ def test_auto_tries_the_best_first_and_never_tensorrt(
 @pytest.mark.parametrize("name", [n for n in session.PROVIDERS if n != "cpu"])
 def test_a_named_provider_that_is_absent_fails(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     built_with(monkeypatch, "cpu")
-    with pytest.raises(ProviderError, match=rf"'{name}' is not in this .* \(it has cpu\)") as told:
+    with pytest.raises(ProviderError, match=rf"'{name}' is not in this .* \(it has cpu\)") as error:
         session.wanted_providers(name)
-    assert ("pip install" in str(told.value)) == (name in session._PACKAGES)
+    assert ("pip install" in str(error.value)) == (name in session._PACKAGES)
     with pytest.raises(UsageError):
         session.wanted_providers(f"{name}s")
     built_with(monkeypatch, *session.PROVIDERS)
@@ -77,15 +77,15 @@ def test_a_provider_that_does_not_start_is_left_by_auto_with_a_warning(
     monkeypatch: pytest.MonkeyPatch, model_folder: Path
 ) -> None:
     built_with(monkeypatch, "cuda", "cpu")
-    wanted = starting(monkeypatch, "cuda")
+    attempts = starting(monkeypatch, "cuda")
     loaded = Session(find_model(model_folder))
     cuda, cpu = "CUDAExecutionProvider", "CPUExecutionProvider"
-    assert [*map(list, wanted)] == [[cuda, cpu], [cpu]]
+    assert [*map(list, attempts)] == [[cuda, cpu], [cpu]]
     assert loaded.provider == "cpu"
     assert loaded.warnings == ("provider 'cuda' does not start here, running on 'cpu'",)
     with pytest.raises(ProviderError, match=r"'cuda' does not start: no such device$"):
         Session(find_model(model_folder), provider="cuda")
-    assert [*map(list, wanted[2:])] == [[cuda]]
+    assert [*map(list, attempts[2:])] == [[cuda]]
 
 
 def test_a_named_provider_is_never_replaced_in_silence(
@@ -110,12 +110,12 @@ def test_options_need_a_provider_that_takes_them(model_folder: Path, name: str) 
 def test_options_reach_the_provider(monkeypatch: pytest.MonkeyPatch, model_folder: Path) -> None:
     """The search of cuDNN takes .4 s for each new size of images, unless it is told otherwise."""
     built_with(monkeypatch, "cuda", "cpu")
-    wanted = starting(monkeypatch, "cuda")
+    attempts = starting(monkeypatch, "cuda")
     usual = {"cudnn_conv_algo_search": "HEURISTIC", "use_tf32": "0"}
-    for given in ({"device_id": "1"}, {"use_tf32": "1"}):
+    for options in ({"device_id": "1"}, {"use_tf32": "1"}):
         with pytest.raises(ProviderError):
-            Session(find_model(model_folder), provider="cuda", provider_options=given)
-        assert wanted[-1] == {"CUDAExecutionProvider": usual | given}
+            Session(find_model(model_folder), provider="cuda", provider_options=options)
+        assert attempts[-1] == {"CUDAExecutionProvider": usual | options}
 
 
 class Claiming(REAL):
@@ -123,9 +123,9 @@ class Claiming(REAL):
 
     running = most = 0
 
-    def __init__(self, data: bytes, options: Any, stated: list[Any], **others: Any) -> None:
+    def __init__(self, data: bytes, options: Any, providers: list[Any], **others: Any) -> None:
         super().__init__(data, options, ["CPUExecutionProvider"], **others)
-        self.get_providers = lambda: [name for name, _ in stated]
+        self.get_providers = lambda: [name for name, _ in providers]
 
     def run(self, *arguments: Any) -> Any:
         self.running += 1
@@ -161,14 +161,14 @@ def test_directml_runs_one_at_a_time(monkeypatch: pytest.MonkeyPatch, model_fold
 )
 def test_a_gpu_gets_the_model_of_floats_that_the_card_names(
     monkeypatch: pytest.MonkeyPatch,
-    own: Path,
+    models: Path,
     there: tuple[str, ...],
     provider: str,
     expected: str,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    write_model(own / "float", name="float")
-    write_model(own / "int8", name="int8", float_model="float")
+    write_model(models / "float", name="float")
+    write_model(models / "int8", name="int8", float_model="float")
     built_with(monkeypatch, *there)
     monkeypatch.setattr(session.ort, "InferenceSession", Claiming)
     caplog.set_level("INFO")
@@ -180,14 +180,14 @@ def test_a_gpu_gets_the_model_of_floats_that_the_card_names(
 
 
 def test_the_cpu_has_its_model_if_no_gpu_works(
-    monkeypatch: pytest.MonkeyPatch, own: Path, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, models: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # The CUDA that pip installed was not found: danielgatis/rembg#668, microsoft/onnxruntime#21684.
     missing = "Failed to load libcublasLt.so.13\n"
     tell = lambda: sys.stdout.write(missing)  # noqa: E731 - as onnxruntime does
     monkeypatch.setattr(ort, "preload_dlls", tell, raising=False)
-    write_model(own / "float", name="float")
-    write_model(own / "int8", name="int8", float_model="float")
+    write_model(models / "float", name="float")
+    write_model(models / "int8", name="int8", float_model="float")
     built_with(monkeypatch, "cuda", "cpu")
     starting(monkeypatch, "cuda")
     loaded = SessionLoader("int8", threads=2).load()

@@ -17,7 +17,7 @@ from depthcli.jobs.models import add_model
 from depthcli.models.card import Fit, check_command, preprocessing_check
 from depthcli.models.catalog import find_model, ready_card, ready_names
 
-pytestmark = pytest.mark.usefixtures("own")
+pytestmark = pytest.mark.usefixtures("models")
 
 IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
 
@@ -117,8 +117,8 @@ def test_a_network_of_its_signature_runs(tmp_path: Path, name: str, signature: S
 def test_a_card_states_its_sources_and_licence(name: str) -> None:
     card = ready_card(name)
     assert card.name == name
-    known = {"MIT", "Apache-2.0", "CC-BY-NC-4.0"}
-    assert card.license in known or card.license.startswith("unclear: ")
+    licences = {"MIT", "Apache-2.0", "CC-BY-NC-4.0"}
+    assert card.license in licences or card.license.startswith("unclear: ")
     assert all(url.startswith("https://") for url in card.training["sources"])
     assert card.training["notes"]
 
@@ -146,10 +146,10 @@ def test_a_card_says_how_its_preprocessing_was_verified(tmp_path: Path, name: st
 
 
 @pytest.mark.parametrize(
-    "stated", [{}, {"preprocessing": "yes"}, {"preprocessing": {"run_with_weights": 1}}]
+    "training", [{}, {"preprocessing": "yes"}, {"preprocessing": {"run_with_weights": 1}}]
 )
-def test_a_card_that_says_nothing_of_it_is_a_card(stated: dict[str, object]) -> None:
-    card = replace(ready_card("fastdepth"), training=stated)
+def test_a_card_that_says_nothing_of_it_is_a_card(training: dict[str, object]) -> None:
+    card = replace(ready_card("fastdepth"), training=training)
     assert preprocessing_check(card) is None
 
 
@@ -189,7 +189,7 @@ def test_a_long_strip_does_not_fill_the_memory(size: tuple[int, int]) -> None:
     assert place.width % 14 == place.height % 14 == 0
 
 
-def test_channels_last_is_a_matter_of_the_card(tmp_path: Path, own: Path) -> None:
+def test_channels_last_is_a_matter_of_the_card(tmp_path: Path, models: Path) -> None:
     """TensorFlow's converters write (N, H, W, C) in and (N, H, W, 1) out."""
     text = """
         <ir_version: 7, opset_import: ["": 13]>
@@ -200,7 +200,7 @@ def test_channels_last_is_a_matter_of_the_card(tmp_path: Path, own: Path) -> Non
     onnx.save(onnx.parser.parse_model(text), file)
     with pytest.raises(Exception, match=r"correct .* input\.layout"):
         add_model(file, "midas-small")
-    assert not list(own.glob("*"))
+    assert not list(models.glob("*"))
     card = tmp_path / "card.json"
     text = ready_card("midas-small").to_json()
     card.write_text(text.replace('"resize"', '"layout": "nhwc", "resize"'))

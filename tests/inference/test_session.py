@@ -39,14 +39,14 @@ def test_a_size_that_does_not_fit_is_an_error(tmp_path: Path) -> None:
 
 
 def test_stopped_session_runs_no_more(model_folder: Path) -> None:
-    first, known = (Session(find_model(model_folder)) for _ in range(2))
-    first.load_known_depth = lambda: known
+    first, prompted = (Session(find_model(model_folder)) for _ in range(2))
+    first.load_known_depth = lambda: prompted
     ended: list[Session] = []
     first.on_stop = lambda: ended.append(first)
-    assert first.known_depth is known
+    assert first.known_depth is prompted
     first.stop()
     assert ended == [first]
-    for stopped in (first, known):
+    for stopped in (first, prompted):
         with pytest.raises(ModelError):
             stopped.run(np.zeros((1, 1, 4, 4), np.float32))
 
@@ -188,12 +188,12 @@ def test_networks_in_half_floats_and_int8_give_the_depth_of_floats(tmp_path: Pat
     half = random_network("float16").SerializeToString()
     files = {"float": plain.read_bytes(), "half": half, "int8": small.read_bytes()}
     batch = np.random.default_rng(1).normal(size=(2, 3, 12, 16)).astype(np.float32)
-    found = {}
+    depths = {}
     for name, data in files.items():
         colours = {"input__colour": "rgb", "input__mean": [0], "input__std": [1]}
         folder = write_model(tmp_path / name, data, **colours)
-        found[name] = Session(find_model(folder), provider="cpu").run(batch)
-        assert (found[name].dtype, found[name].shape) == (np.float32, (2, 12, 16))
-    spread = found["float"].std()
-    assert np.abs(found["half"] - found["float"]).max() < 0.01 * spread
-    assert np.abs(found["int8"] - found["float"]).max() < 0.2 * spread
+        depths[name] = Session(find_model(folder), provider="cpu").run(batch)
+        assert (depths[name].dtype, depths[name].shape) == (np.float32, (2, 12, 16))
+    spread = depths["float"].std()
+    assert np.abs(depths["half"] - depths["float"]).max() < 0.01 * spread
+    assert np.abs(depths["int8"] - depths["float"]).max() < 0.2 * spread

@@ -79,8 +79,8 @@ def test_tiles_are_fitted_and_blended_as_loops_over_their_cells_have_it(
 
 
 def test_cells_finer_than_pixels_have_the_pixel_that_they_are_in() -> None:
-    found = [_pixels_of(slice(cell, cell + 1), 3, 7) for cell in range(7)]
-    assert found == [slice(pixel, pixel + 1) for pixel in (0, 0, 1, 1, 2, 2, 2)]
+    pixels = [_pixels_of(slice(cell, cell + 1), 3, 7) for cell in range(7)]
+    assert pixels == [slice(pixel, pixel + 1) for pixel in (0, 0, 1, 1, 2, 2, 2)]
 
 
 @pytest.mark.parametrize("tile_px", [90, 160, 250])
@@ -125,9 +125,9 @@ def test_a_tiled_map_is_guided_as_far_as_a_pixel_of_the_whole_image_reaches(tiny
     expected, nearer = (
         full_size(spec, joined, frame, Upsampling.GUIDED, radius=radius) for radius in (4, 3)
     )
-    found = pipeline.predict(frame).depth.values
-    np.testing.assert_allclose(found, expected, rtol=1e-5)
-    assert np.abs(found - nearer).max() > 0.01
+    tiled = pipeline.predict(frame).depth.values
+    np.testing.assert_allclose(tiled, expected, rtol=1e-5)
+    assert np.abs(tiled - nearer).max() > 0.01
 
 
 @pytest.mark.parametrize(
@@ -220,12 +220,12 @@ def test_each_direction_has_its_distance_in_the_metres_of_level_views(
         metres[0, 0] *= np.nan if i == hole else 1
         return metres.astype(np.float32)
 
-    found = panorama_distance(Frame((rays + 1) / 2), predict)
+    distance = panorama_distance(Frame((rays + 1) / 2), predict)
     assert next(views, None) is None
-    assert np.isnan(found[width // 4, width // 2]) == (hole == 0)  # ahead, only the first one looks
+    assert np.isnan(distance[width // 4, width // 2]) == (hole == 0)  # ahead, only the first looks
     counted = [factor for i, factor in enumerate(factors[:8]) if i != hole]
     expected = (3 + rays @ slope) * np.exp(np.log(counted).mean())
-    np.testing.assert_allclose(found, np.where(np.isnan(found), np.nan, expected), rtol=1e-3)
+    np.testing.assert_allclose(distance, np.where(np.isnan(distance), np.nan, expected), rtol=1e-3)
 
 
 def test_views_are_blended_in_log_with_weights_that_end_at_a_circle() -> None:
@@ -237,14 +237,14 @@ def test_views_are_blended_in_log_with_weights_that_end_at_a_circle() -> None:
         across = local[..., 0] / local[..., 2] / HALF
         return (np.exp(0 if pitch_deg else across) * local[..., 2]).astype(np.float32)
 
-    found = panorama_distance(Frame(np.zeros((128, 256), np.uint8)), predict)
+    distance = panorama_distance(Frame(np.zeros((128, 256), np.uint8)), predict)
     for row, column in product((57, 63, 70), range(256)):
         total = weights = 0
         for angles in VIEWS_DEG[:8]:
             x, y, z = _turn(*angles) @ rays[row, column]
             weight = max(0, 1 - (x**2 + y**2) / (z * HALF) ** 2) ** 2 if z > 0 else 0
             total, weights = total + weight * x / z / HALF, weights + weight
-        assert found[row, column] == pytest.approx(np.exp(total / weights), rel=2e-3)
+        assert distance[row, column] == pytest.approx(np.exp(total / weights), rel=2e-3)
 
 
 @pytest.mark.parametrize(("width", "side"), [(16, 8), (302, 61), (5100, 1024)])

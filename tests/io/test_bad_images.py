@@ -265,13 +265,13 @@ def test_doubles_are_an_image() -> None:
     np.testing.assert_array_equal(pixels(made.tiff(np.array([[0.25, 1.0]]))), [[0.25, 1.0]])
     colours = np.arange(16).reshape(2, 2, 4) / 16
     for channels in (3, 4):
-        found = pixels(made.tiff(colours[..., :channels]))
-        np.testing.assert_array_equal(found, colours[..., :3])
+        image = pixels(made.tiff(colours[..., :channels]))
+        np.testing.assert_array_equal(image, colours[..., :3])
 
 
 def test_floats_in_another_unit_are_refused() -> None:
-    for values, found in (([0, 128, 255], "from 0 to 255"), ([-1, 0.5, 0.5], "from -1 to 0.5")):
-        with pytest.raises(InputError, match=f"{found}; scale them"):
+    for values, limits in (([0, 128, 255], "from 0 to 255"), ([-1, 0.5, 0.5], "from -1 to 0.5")):
+        with pytest.raises(InputError, match=f"{limits}; scale them"):
             pixels(made.tiff(np.array([values], np.float32)))
 
 
@@ -279,16 +279,16 @@ def test_floats_in_another_unit_are_refused() -> None:
 @pytest.mark.parametrize("kind", [0, 1, 2])
 def test_alpha_of_a_tiff_is_dropped_and_not_multiplied(dtype: type, kind: int) -> None:
     colours = np.arange(24).reshape(2, 3, 4).astype(dtype) * 10
-    found = pixels(made.tiff(colours, extra=(kind,)))
-    np.testing.assert_array_equal(found, colours[..., :3])
+    image = pixels(made.tiff(colours, extra=(kind,)))
+    np.testing.assert_array_equal(image, colours[..., :3])
 
 
 @pytest.mark.parametrize("channels", [3, 4])
 def test_colours_of_floats_may_be_declared_gray(channels: int) -> None:
     """As GDAL does by default."""
     colours = np.arange(6 * channels).reshape(2, 3, channels).astype(np.float32) / 30
-    found = pixels(made.tiff(colours, photometric=1, extra=(0,) * (channels - 1)))
-    np.testing.assert_array_equal(found, colours[..., :3])
+    image = pixels(made.tiff(colours, photometric=1, extra=(0,) * (channels - 1)))
+    np.testing.assert_array_equal(image, colours[..., :3])
 
 
 @pytest.mark.parametrize("frames", [0, 2])
@@ -315,9 +315,9 @@ def test_files_of_the_corpus_are_read_or_refused(
     path = tmp_path / TARGETS[target].file
     shutil.copyfile(CORPUS / name, path)
     assert problem(target, path) is None
-    said = capfd.readouterr()
-    assert said.out == ""
-    assert all(OF_LIBRARIES.match(line.encode()) for line in said.err.splitlines())
+    captured = capfd.readouterr()
+    assert captured.out == ""
+    assert all(OF_LIBRARIES.match(line.encode()) for line in captured.err.splitlines())
 
 
 @pytest.mark.parametrize("target", TARGETS)

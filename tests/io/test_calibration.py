@@ -78,9 +78,9 @@ EXPECTED = calibration(640, 480, 431.5, (337.8, 250.7))
 def test_camera_info_of_ros(tmp_path: Path, start: str, end: str) -> None:
     path = tmp_path / "head.yaml"
     path.write_text(start + ROS, "utf-8", newline=end)
-    found = read_calibration(path)
+    camera = read_calibration(path)
     distortion = Distortion((431.5, 431.5), (0.1, -0.3, 0, 0, 0))
-    assert found == calibration(640, 480, 431.5, (337.8, 250.7), distortion)
+    assert camera == calibration(640, 480, 431.5, (337.8, 250.7), distortion)
     path.write_text(start + TOPIC, "utf-8", newline=end)
     assert read_calibration(path) == EXPECTED
 
@@ -105,9 +105,9 @@ def test_files_of_opencv(tmp_path: Path, suffix: str, is_distorted: bool) -> Non
     file.write("camera_matrix", np.array([[400.0, 0, 337.8], [0, 441, 250.7], [0, 0, 1]]))
     file.write("distortion_coefficients", np.array([[0.0, 0, 0.1 * is_distorted, 0, 0]]))
     file.release()
-    found = read_calibration(path)
+    camera = read_calibration(path)
     distortion = Distortion((400, 441), (0, 0, 0.1, 0, 0)) if is_distorted else None
-    assert found == calibration(640, 480, 400, (337.8, 250.7), distortion, 1.1025)
+    assert camera == calibration(640, 480, 400, (337.8, 250.7), distortion, 1.1025)
 
 
 @pytest.mark.parametrize(
@@ -151,8 +151,8 @@ def test_rectified_images_have_the_camera_of_the_projection_matrix(
     assert read_calibration(path, rectified=True) == calibration(640, 480, 400, (330, 250))
     assert read_calibration(path).focal_px == 431.5
     path.write_text(ROS)
-    found = depthcli.read_calibration(path, rectified=True)
-    assert (found.focal_px, found.centre_px, found.warnings) == (400, (330, 250), ())
+    camera = depthcli.read_calibration(path, rectified=True)
+    assert (camera.focal_px, camera.centre_px, camera.warnings) == (400, (330, 250), ())
 
 
 @pytest.mark.parametrize("fy", [431.5, 431.9, 431.1, 434.6, 350.0, 863.0])  # .7 %: TUM's freiburg3
@@ -161,19 +161,19 @@ def test_pixels_are_not_square_if_fx_and_fy_differ_by_over_a_thousandth(
 ) -> None:
     path = tmp_path / "camera.yaml"
     path.write_text(TOPIC.replace("431.5, 250.7", f"{fy}, 250.7"))
-    found, is_square = read_calibration(path), abs(fy / 431.5 - 1) <= 0.001
+    camera, is_square = read_calibration(path), abs(fy / 431.5 - 1) <= 0.001
     expected = (math.sqrt(431.5 * fy), 1) if is_square else (431.5, fy / 431.5)
-    assert (found.focal_px, found.pixel_aspect) == pytest.approx(expected)
+    assert (camera.focal_px, camera.pixel_aspect) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("binning", [1, 2])
 def test_a_region_of_interest_is_the_image(tmp_path: Path, binning: int) -> None:
     path = tmp_path / "camera_info.yaml"
     path.write_text(TOPIC + REGION)
-    found = read_calibration(path)
-    assert found == calibration(320, 240, 431.5, (337.8 - 320, 250.7 - 120))
-    assert found.hfov_deg == pytest.approx(2 * math.degrees(math.atan(160 / 431.5)))
-    x, y = found.centre_for(320 // binning, 240 // binning)
+    camera = read_calibration(path)
+    assert camera == calibration(320, 240, 431.5, (337.8 - 320, 250.7 - 120))
+    assert camera.hfov_deg == pytest.approx(2 * math.degrees(math.atan(160 / 431.5)))
+    x, y = camera.centre_for(320 // binning, 240 // binning)
     assert (x + 0.5) * binning - 0.5 == pytest.approx(17.8)
     assert (y + 0.5) * binning - 0.5 == pytest.approx(130.7)
     path.write_text(TOPIC + re.sub(r"\d+", "0", REGION))  # as of the whole sensor
@@ -242,10 +242,10 @@ DIALECTS["replica.json"] = f'{{"camera": {DIALECTS["fields.json"]}}}'
 @pytest.mark.parametrize("name", DIALECTS)
 def test_calibrations_of_other_programs(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text(DIALECTS[name])
-    found = read_calibration(tmp_path / name)
-    assert found.focal_px == pytest.approx(431.5)
-    assert found.centre_px == pytest.approx((337.8, 250.7))
-    assert (found.size_px, found.distortion, found.pixel_aspect) == ((640, 480), None, 1)
+    camera = read_calibration(tmp_path / name)
+    assert camera.focal_px == pytest.approx(431.5)
+    assert camera.centre_px == pytest.approx((337.8, 250.7))
+    assert (camera.size_px, camera.distortion, camera.pixel_aspect) == ((640, 480), None, 1)
 
 
 NGP = '"k1": 0.02, "k2": 0, "p1": 0, "is_fisheye": true'  # of colmap2nerf
@@ -282,9 +282,9 @@ def test_distortion_in_calibrations_of_other_programs(
     """In the order of OpenCV; without coefficients, of a model that it lacks."""
     assert old in DIALECTS[name]
     (tmp_path / "camera.yaml").write_text(DIALECTS[name].replace(old, new))
-    found = read_calibration(tmp_path / "camera.yaml").distortion
-    assert (found and found.coefficients) == expected
-    assert found is None or found.is_fisheye is (new in FISHEYE)
+    distortion = read_calibration(tmp_path / "camera.yaml").distortion
+    assert (distortion and distortion.coefficients) == expected
+    assert distortion is None or distortion.is_fisheye is (new in FISHEYE)
 
 
 @pytest.mark.parametrize(
@@ -300,10 +300,10 @@ def test_distortion_in_calibrations_of_other_programs(
 )
 def test_a_calibration_without_a_size(tmp_path: Path, text: str) -> None:
     (tmp_path / "camera.txt").write_text(text)
-    found = read_calibration(tmp_path / "camera.txt")
-    assert (found.focal_px, found.centre_px) == (pytest.approx(431.5), (337.8, 250.7))
-    assert (found.size_px, found.hfov_deg) == (None, None)
-    assert len(found.warnings) == 1
+    camera = read_calibration(tmp_path / "camera.txt")
+    assert (camera.focal_px, camera.centre_px) == (pytest.approx(431.5), (337.8, 250.7))
+    assert (camera.size_px, camera.hfov_deg) == (None, None)
+    assert len(camera.warnings) == 1
 
 
 @pytest.mark.parametrize(("model", "numbers"), [(1, [431.5, 431.5]), (2, [431.5])])
@@ -311,9 +311,9 @@ def test_a_binary_calibration_of_colmap(tmp_path: Path, model: int, numbers: lis
     numbers = [*numbers, 338.3, 251.2, *([0.0] if model == 2 else [])]
     data = struct.pack("<QiiQQ", 1, 1, model, 640, 480) + struct.pack(f"<{len(numbers)}d", *numbers)
     (tmp_path / "cameras.bin").write_bytes(data)
-    found = read_calibration(tmp_path / "cameras.bin")
-    assert (found.focal_px, found.size_px) == (pytest.approx(431.5), (640, 480))
-    assert found.centre_px == pytest.approx((337.8, 250.7))
+    camera = read_calibration(tmp_path / "cameras.bin")
+    assert (camera.focal_px, camera.size_px) == (pytest.approx(431.5), (640, 480))
+    assert camera.centre_px == pytest.approx((337.8, 250.7))
     (tmp_path / "cameras.bin").write_bytes(data[:-1])
     with pytest.raises(InputError):
         read_calibration(tmp_path / "cameras.bin")
@@ -329,20 +329,20 @@ def test_points_land_where_a_pinhole_sees_them_once_undistorted(
     if is_fisheye:
         model, lens = "equidistant", np.array([0.05, -0.02, 0.004, -0.001])
     matrix, size = np.array([[200.0, 0, 155], [0, 200, 125], [0, 0, 1]]), (320, 240)
-    stated = {"width": 320, "height": 240, "K": matrix.tolist(), "D": lens.tolist()}
-    (tmp_path / "camera.json").write_text(json.dumps(stated | {"distortion_model": model}))
+    fields = {"width": 320, "height": 240, "K": matrix.tolist(), "D": lens.tolist()}
+    (tmp_path / "camera.json").write_text(json.dumps(fields | {"distortion_model": model}))
     camera = replace(read_calibration(tmp_path / "camera.json"), is_undistorted=True)
     project = cv2.fisheye.projectPoints if is_fisheye else cv2.projectPoints
     points = np.array([[x, y, 2.0] for x in (-1.2, 0.3, 1.3) for y in (-1, 0.2, 0.9)])
     raw = project(points[:, None], np.zeros(3), np.zeros(3), matrix, lens)[0].reshape(-1, 2)
     flat = points[:, :2] / 2 * 200 + (155, 125)
     assert np.abs(raw - flat).max() > 12
-    for seen, expected in zip((raw + 0.5) * scale - 0.5, (flat + 0.5) * scale - 0.5, strict=True):
+    for centre, expected in zip((raw + 0.5) * scale - 0.5, (flat + 0.5) * scale - 0.5, strict=True):
         image = np.zeros((size[1] * scale, size[0] * scale), np.uint8)
-        cv2.circle(image, tuple(np.rint(seen * 16).astype(int)), 64, 255, -1, cv2.LINE_AA, 4)
-        found = undistorted(depthcli.Frame(image), camera).pixels.astype(float)
-        rows, columns = np.indices(found.shape)
-        middle = np.array([(columns * found).sum(), (rows * found).sum()]) / found.sum()
+        cv2.circle(image, tuple(np.rint(centre * 16).astype(int)), 64, 255, -1, cv2.LINE_AA, 4)
+        pixels = undistorted(depthcli.Frame(image), camera).pixels.astype(float)
+        rows, columns = np.indices(pixels.shape)
+        middle = np.array([(columns * pixels).sum(), (rows * pixels).sum()]) / pixels.sum()
         assert np.abs(middle - expected).max() < 0.3
 
 
@@ -351,10 +351,10 @@ def test_pixels_that_a_lens_does_not_show_get_no_depth() -> None:
     image = np.full((480, 640, 3), 9, np.uint8)
     frame = depthcli.Frame(image, transparent=np.indices((480, 640))[0] > 460)
     assert undistorted(frame, camera) is frame
-    found = undistorted(frame, replace(camera, is_undistorted=True))
-    assert found.transparent is not None
-    assert [found.transparent[at] for at in ((0, 0), (250, 337), (470, 337))] == [True, False, True]
-    assert found.pixels[0, 0].tolist() == [9, 9, 9]
+    corrected = undistorted(frame, replace(camera, is_undistorted=True))
+    assert corrected.transparent is not None
+    assert corrected.transparent[[0, 250, 470], [0, 337, 337]].tolist() == [True, False, True]
+    assert corrected.pixels[0, 0].tolist() == [9, 9, 9]
     other = replace(camera, distortion=Distortion((431.5, 431.5), ()), is_undistorted=True)
     with pytest.raises(InputError):
         undistorted(frame, other)

@@ -20,7 +20,7 @@ SCANLINES = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineima
 
 
 @pytest.mark.parametrize(
-    ("names", "wanted"),
+    ("names", "expected"),
     [
         (["R", "G", "B", "A", "depth.Z"], "depth.Z"),
         (["ViewLayer.Normal.Z", "ViewLayer.Depth.Z"], "ViewLayer.Depth.Z"),
@@ -38,9 +38,9 @@ SCANLINES = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineima
         ([], None),
     ],
 )
-def test_depth_is_found_among_colours_and_normals(names: list[str], wanted: str | None) -> None:
-    assert depth_channel(names) == wanted
-    assert depth_channel(names[::-1]) == wanted
+def test_depth_is_found_among_colours_and_normals(names: list[str], expected: str | None) -> None:
+    assert depth_channel(names) == expected
+    assert depth_channel(names[::-1]) == expected
 
 
 def test_exr_of_several_parts(tmp_path: Path) -> None:
@@ -91,15 +91,15 @@ def test_overflow_of_half_floats_is_a_warning(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("shape", "found"),
+    ("shape", "expected"),
     [((1, 1, 5), (1, 5)), ((5, 1, 1), (5, 1)), ((1, 3, 4), (3, 4)), ((1, 1), (1, 1))],
 )
 def test_npy_with_batch_or_channel_axes(
-    shape: tuple[int, ...], found: tuple[int, int], tmp_path: Path
+    shape: tuple[int, ...], expected: tuple[int, int], tmp_path: Path
 ) -> None:
     np.save(tmp_path / "a.npy", np.ones(shape, np.float64))
     depth = read_stored_depth(str(tmp_path / "a.npy")).displayed
-    assert (depth.values.shape, depth.values.dtype) == (found, np.float32)
+    assert (depth.values.shape, depth.values.dtype) == (expected, np.float32)
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ def channels_of(*layers: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("layers", "wanted"),
+    ("layers", "prefix"),
     [
         (("beauty", ""), ""),
         (BLENDER, "ViewLayer.Combined."),
@@ -41,8 +41,8 @@ def channels_of(*layers: str) -> list[str]:
         (("a.very.long.C", "b"), "a.very.long.C."),
     ],
 )
-def test_the_image_is_found_by_its_name(layers: tuple[str, ...], wanted: str) -> None:
-    expected = tuple(wanted + colour for colour in "RGB"), None
+def test_the_image_is_found_by_its_name(layers: tuple[str, ...], prefix: str) -> None:
+    expected = tuple(prefix + colour for colour in "RGB"), None
     assert colour_channels("a.exr", channels_of(*layers)) == expected
     assert colour_channels("a.exr", channels_of(*layers[::-1])) == expected
 
@@ -71,13 +71,13 @@ def test_luminance_is_an_image_but_no_part_of_a_vector() -> None:
 
 def test_a_layer_can_be_chosen() -> None:
     names = [*channels_of("", "fg.beauty", "bg.Beauty", "fg.N"), "fg.luma.Y", "P.X", "P.Y"]
-    for layer, wanted in (
+    for layer, prefix in (
         ("fg.beauty", "fg.beauty."),
         ("BG.beauty", "bg.Beauty."),
         ("fg.beauty.", "fg.beauty."),
         ("n", "fg.N."),
     ):
-        expected = tuple(wanted + colour for colour in "RGB")
+        expected = tuple(prefix + colour for colour in "RGB")
         assert colour_channels("a.exr", names, layer) == (expected, None)
     assert colour_channels("a.exr", names, "luma") == (("fg.luma.Y",), None)
     for layer in ("beauty", "depth", "P", ""):  # the first is that of two
@@ -193,31 +193,31 @@ def test_many_pixels_above_1_are_told(colours: str, tmp_path: Path) -> None:
     assert read_exr_image(path, options=ReadOptions(exposure=-1)).warnings == ()
 
 
-@pytest.mark.parametrize("stated", [REC_709, REC_601])
-def test_primaries_of_screens_are_silent(stated: tuple[float, ...], tmp_path: Path) -> None:
-    assert warnings_of(tmp_path / "a.exr", chromaticities=stated) == []
+@pytest.mark.parametrize("primaries", [REC_709, REC_601])
+def test_primaries_of_screens_are_silent(primaries: tuple[float, ...], tmp_path: Path) -> None:
+    assert warnings_of(tmp_path / "a.exr", chromaticities=primaries) == []
 
 
-@pytest.mark.parametrize("stated", PUBLISHED)
-def test_colours_become_those_of_rec_709(stated: tuple[float, ...], tmp_path: Path) -> None:
-    matrix, problem = primaries_matrix(stated)
+@pytest.mark.parametrize("primaries", PUBLISHED)
+def test_colours_become_those_of_rec_709(primaries: tuple[float, ...], tmp_path: Path) -> None:
+    matrix, problem = primaries_matrix(primaries)
     assert problem is None
-    np.testing.assert_allclose(matrix, PUBLISHED[stated], atol=2e-4)
+    np.testing.assert_allclose(matrix, PUBLISHED[primaries], atol=2e-4)
     np.testing.assert_allclose(matrix @ np.ones(3), 1, atol=1e-5)  # white stays white
     light = np.random.default_rng(0).uniform(0, 2, (50, 40, 3)).astype(np.float32)
     light[0, 0] = np.nan, np.inf, 0.5
-    header = {"type": OpenEXR.scanlineimage, "chromaticities": stated}
+    header = {"type": OpenEXR.scanlineimage, "chromaticities": primaries}
     channels = {colour: light[..., i].copy() for i, colour in enumerate("RGB")}
     OpenEXR.File(header, channels).write(str(tmp_path / "a.exr"))
     pixels = read_exr_image(tmp_path / "a.exr", options=ReadOptions(exposure=-1)).pixels
     assert np.isfinite(pixels).all()
-    expected = np.clip(light[1:].astype(np.float64) / 2 @ np.transpose(PUBLISHED[stated]), 0, 1)
+    expected = np.clip(light[1:].astype(np.float64) / 2 @ np.transpose(PUBLISHED[primaries]), 0, 1)
     curve = np.where(expected <= 0.0031308, 12.92 * expected, 1.055 * expected ** (1 / 2.4) - 0.055)
     np.testing.assert_allclose(pixels[1:], curve, atol=2e-3)
 
 
 @pytest.mark.parametrize(
-    "stated",
+    "primaries",
     [
         (float("nan"), *ACES[1:]),
         (*ACES[:7], 0.0),
@@ -225,10 +225,10 @@ def test_colours_become_those_of_rec_709(stated: tuple[float, ...], tmp_path: Pa
         (0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3, 0.3),
     ],
 )
-def test_primaries_that_are_none_are_told(stated: tuple[float, ...], tmp_path: Path) -> None:
-    (warning,) = warnings_of(tmp_path / "a.exr", chromaticities=stated)
+def test_primaries_that_are_none_are_told(primaries: tuple[float, ...], tmp_path: Path) -> None:
+    (warning,) = warnings_of(tmp_path / "a.exr", chromaticities=primaries)
     assert "primaries" in warning
-    assert warnings_of(tmp_path / "a.exr", colours="Y", chromaticities=stated) == []
+    assert warnings_of(tmp_path / "a.exr", colours="Y", chromaticities=primaries) == []
 
 
 @pytest.mark.parametrize("stops", [-2.0, 0.5, 3])
@@ -238,8 +238,8 @@ def test_exposure_is_in_stops_of_light(stops: float, tmp_path: Path) -> None:
     for file, factor in ((path, 1.0), (brighter, 2**stops)):
         header = {"type": OpenEXR.scanlineimage}
         OpenEXR.File(header, {"Y": light * np.float32(factor)}).write(str(file))
-    wanted = read_exr_image(brighter).pixels
-    np.testing.assert_allclose(read_image(path, exposure=stops).pixels, wanted, atol=1e-6)
+    expected = read_exr_image(brighter).pixels
+    np.testing.assert_allclose(read_image(path, exposure=stops).pixels, expected, atol=1e-6)
     for stopped in (21, float("nan")):
         with pytest.raises(UsageError, match="-20 to 20"):
             read_image(path, exposure=stopped)

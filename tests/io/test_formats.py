@@ -35,7 +35,7 @@ from depthcli.io.stored.metadata import DepthScale
 
 
 @pytest.mark.parametrize(
-    ("name", "wanted"),
+    ("name", "expected"),
     [
         *((name, Format.PNG16) for name in ("x.png", "x.depth.png", "preview.png")),
         *((name, Format.PREVIEW) for name in ("x.preview.png", "in.preview.png/X.PREVIEW.PNG")),
@@ -45,8 +45,8 @@ from depthcli.io.stored.metadata import DepthScale
         *(("x.png.geometric.bin", Format.COLMAP), ("x.gif", None), ("x", None)),
     ],
 )
-def test_a_name_says_its_format(name: str, wanted: Format | None) -> None:
-    assert format_of(name) == wanted
+def test_a_name_says_its_format(name: str, expected: Format | None) -> None:
+    assert format_of(name) == expected
 
 
 @pytest.mark.parametrize(
@@ -107,17 +107,17 @@ def written(writer: Any, depth: DepthMap, suffix: str, **reading: Any) -> DepthM
 
 @given(METRES)
 def test_png_is_exact_to_half_a_millimetre(values: np.ndarray) -> None:
-    found = written(Png16Writer(), DepthMap(values), ".png").values
-    assert np.abs(found - values).max() <= 0.0005 + 65 * 1e-6
+    read_back = written(Png16Writer(), DepthMap(values), ".png").values
+    assert np.abs(read_back - values).max() <= 0.0005 + 65 * 1e-6
 
 
 def test_png_marks_invalid_and_saturates_without_wrapping(tmp_path: Path) -> None:
     values = np.array([[np.nan, np.inf, -1, 0, 0.0001, 65.535, 65.536, 70, 1e9]], np.float32)
     warnings = Png16Writer().write(DepthMap(values), tmp_path / "a.png")
-    found = read_stored_depth(tmp_path / "a.png").displayed.values[0]
-    assert np.isnan(found[:4]).all()
-    assert found[4] == pytest.approx(0.001)
-    assert found[5:] == pytest.approx(np.full(4, 65.535))
+    depth_m = read_stored_depth(tmp_path / "a.png").displayed.values[0]
+    assert np.isnan(depth_m[:4]).all()
+    assert depth_m[4] == pytest.approx(0.001)
+    assert depth_m[5:] == pytest.approx(np.full(4, 65.535))
     assert warnings == ("4 pixels beyond 65.535 m were saturated",)
 
 
@@ -125,17 +125,17 @@ def test_png_marks_invalid_and_saturates_without_wrapping(tmp_path: Path) -> Non
 def test_png_without_metres_is_normalized_and_says_so(kind: DepthKind, tmp_path: Path) -> None:
     depth = DepthMap(np.array([[-3.0, 0.5, np.nan, 7.0]], np.float32), kind)
     assert Png16Writer().write(depth, tmp_path / "a.png")
-    found = read_stored_depth(tmp_path / "a.png").displayed
-    assert found.kind is kind
-    assert found.values == pytest.approx(depth.values, abs=1e-3, nan_ok=True)
+    read_back = read_stored_depth(tmp_path / "a.png").displayed
+    assert read_back.kind is kind
+    assert read_back.values == pytest.approx(depth.values, abs=1e-3, nan_ok=True)
 
 
 @settings(deadline=None, max_examples=25)
 @given(ANY_FLOAT, st.sampled_from(["Z", "Y", "R", "depth.Z"]))
 def test_exr_is_exact(values: np.ndarray, channel: str) -> None:
     depth = DepthMap(values)
-    found = written(ExrWriter(exr_channel=channel), depth, ".exr")
-    assert np.array_equal(found.values, np.where(depth.valid, values, np.nan), equal_nan=True)
+    read_back = written(ExrWriter(exr_channel=channel), depth, ".exr")
+    assert np.array_equal(read_back.values, np.where(depth.valid, values, np.nan), equal_nan=True)
 
 
 def test_exr_is_compressed_by_zip(tmp_path: Path) -> None:
@@ -155,8 +155,8 @@ def test_half_exr_keeps_eleven_bits(tmp_path: Path) -> None:
 @given(ANY_FLOAT)
 def test_npy_is_exact(values: np.ndarray) -> None:
     depth = DepthMap(values, DepthKind.RELATIVE)
-    found = written(FloatWriter(), depth, ".npy", kind=DepthEncoding.RELATIVE)
-    assert np.array_equal(found.values, np.where(depth.valid, values, np.nan), equal_nan=True)
+    read_back = written(FloatWriter(), depth, ".npy", kind=DepthEncoding.RELATIVE)
+    assert np.array_equal(read_back.values, np.where(depth.valid, values, np.nan), equal_nan=True)
 
 
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
@@ -178,20 +178,20 @@ def colmap(values: np.ndarray) -> bytes:
     return f"{width}&{height}&{channels.shape[2]}&".encode() + by_column.astype("<f4").tobytes()
 
 
-@pytest.mark.parametrize("which", FURTHER)
-def test_round_trip(which: Format, tmp_path: Path) -> None:
-    path = tmp_path / f"a{which.facts.suffix}"
-    assert writer_class(which)().write(DepthMap(HOLED_M), path) == ()
-    found = read_stored_depth(path).depth
-    assert found.valid.tolist() == (~np.isnan(HOLED_M)).tolist()
-    atol = 0 if which.facts.is_exact else 0.0005
-    np.testing.assert_allclose(found.values[found.valid], HOLED_M[found.valid], 1e-6, atol)
+@pytest.mark.parametrize("format_", FURTHER)
+def test_round_trip(format_: Format, tmp_path: Path) -> None:
+    path = tmp_path / f"a{format_.facts.suffix}"
+    assert writer_class(format_)().write(DepthMap(HOLED_M), path) == ()
+    depth = read_stored_depth(path).depth
+    assert depth.valid.tolist() == (~np.isnan(HOLED_M)).tolist()
+    atol = 0 if format_.facts.is_exact else 0.0005
+    np.testing.assert_allclose(depth.values[depth.valid], HOLED_M[depth.valid], 1e-6, atol)
     assert is_own(path)
 
 
 def test_files_as_other_programs_read_them(tmp_path: Path) -> None:
-    for which in FURTHER:
-        writer_class(which)().write(DepthMap(DEPTH_M), tmp_path / f"a{which.facts.file_suffix}")
+    for format_ in FURTHER:
+        writer_class(format_)().write(DepthMap(DEPTH_M), tmp_path / f"a{format_.facts.file_suffix}")
     for name in ("a.pfm", "a.tiff"):
         read = cv2.imread(str(tmp_path / name), cv2.IMREAD_UNCHANGED)
         np.testing.assert_array_equal(read, DEPTH_M)
@@ -280,17 +280,17 @@ def test_names_of_arrays_imply_inverse_depth(name: str, tmp_path: Path) -> None:
     """As of stereo networks and MiDaS, of which 0.17 took the numbers for metres."""
     np.savez(tmp_path / "a.npz", **{name: DEPTH_M})
     assert read_stored_depth(tmp_path / "a.npz").depth.kind is DepthKind.INVERSE
-    stated = DepthReadOptions(kind=DepthEncoding.METRIC)
-    assert read_stored_depth(tmp_path / "a.npz", stated).depth.is_metric
+    options = DepthReadOptions(kind=DepthEncoding.METRIC)
+    assert read_stored_depth(tmp_path / "a.npz", options).depth.is_metric
 
 
 def test_pages_of_a_tiff_are_told(tmp_path: Path) -> None:
     path = tmp_path / "a.tif"
     first, second = (Image.fromarray(DEPTH_M * factor) for factor in (1, 2))
     first.save(path, save_all=True, append_images=[second])
-    found = read_stored_depth(path)
-    np.testing.assert_array_equal(found.depth.values, DEPTH_M)
-    assert len(found.warnings) == 1
+    stored = read_stored_depth(path)
+    np.testing.assert_array_equal(stored.depth.values, DEPTH_M)
+    assert len(stored.warnings) == 1
 
 
 @pytest.mark.parametrize("name", ["a.npy", "a.npz"])
@@ -299,8 +299,8 @@ def test_one_of_several_maps_is_read_by_its_number(name: str, tmp_path: Path) ->
     several = np.stack([DEPTH_M, 2 * DEPTH_M])
     np.save(tmp_path / "a.npy", several)
     np.savez(tmp_path / "a.npz", depths=several)
-    found = read_stored_depth(tmp_path / name, DepthReadOptions(frame=1)).depth
-    np.testing.assert_array_equal(found.values, several[1])
+    depth = read_stored_depth(tmp_path / name, DepthReadOptions(frame=1)).depth
+    np.testing.assert_array_equal(depth.values, several[1])
     for frame in (None, 2):
         with pytest.raises(InputError):
             read_stored_depth(tmp_path / name, DepthReadOptions(frame=frame))
@@ -312,7 +312,7 @@ def test_npz_keeps_kind_and_model(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "message"),
     [
         ("a.pfm", b"PF\n4 3\n-1\n" + bytes(144), "float map, so it holds no depth"),
         ("a.pfm", pfm(DEPTH_M)[:-1], None),
@@ -328,10 +328,10 @@ def test_npz_keeps_kind_and_model(tmp_path: Path) -> None:
     ],
 )
 def test_file_without_depth_is_refused(
-    name: str, content: bytes, said: str | None, tmp_path: Path
+    name: str, content: bytes, message: str | None, tmp_path: Path
 ) -> None:
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         read_stored_depth(tmp_path / name)
 
 
@@ -349,15 +349,15 @@ def test_an_npz_without_a_usual_name_is_refused(tmp_path: Path) -> None:
 def test_normalized_inverse_depth(suffix: str, tmp_path: Path) -> None:
     """Near is white, linear in 1/depth, as ControlNet and 3D Gaussian splatting expect."""
     path, writing = tmp_path / f"a{suffix}", WriterOptions(png_inverse=True)
-    which = Format.PNG16 if suffix == ".png" else Format.PGM
-    writer_of(which, writing).write(DepthMap(HOLED_M), path)
+    format_ = Format.PNG16 if suffix == ".png" else Format.PGM
+    writer_of(format_, writing).write(DepthMap(HOLED_M), path)
     steps = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     assert (steps[0, 0], steps[1, 1], steps[2, 3]) == (65535, 0, 1)
     share = (1 / HOLED_M - 1 / 9) / (1 / 0.5 - 1 / 9)
     np.testing.assert_allclose(steps, np.nan_to_num(1 + 65534 * share), atol=0.6)
-    found = read_stored_depth(path).depth
-    assert found.is_metric
-    np.testing.assert_allclose(found.values, HOLED_M, rtol=2e-4)
+    depth = read_stored_depth(path).depth
+    assert depth.is_metric
+    np.testing.assert_allclose(depth.values, HOLED_M, rtol=2e-4)
     # Saved again without its texts, the sidecar says what it is.
     writer_of(Format.JSON, writing).write(DepthMap(HOLED_M), tmp_path / "a.json")
     cv2.imwrite(str(path), steps)
@@ -371,11 +371,11 @@ def test_depth_has_one_number_in_all_maps_of_a_stated_range(
     option: str, suffix: str, tmp_path: Path
 ) -> None:
     writing = WriterOptions(**{option: True}, vmin=1, vmax=16)
-    which = Format.PNG16 if suffix == ".png" else Format.PGM
+    format_ = Format.PNG16 if suffix == ".png" else Format.PGM
     share = (2 - 1) / (16 - 1) if option == "png_normalize" else (1 / 2 - 1 / 16) / (1 - 1 / 16)
     for others, beyond in (((1.5, 3.0), 0), ((0.5, 30.0), 2), ((2.0, np.nan), 0)):
         path, depth = tmp_path / f"a{suffix}", DepthMap(np.array([[2.0, *others]], np.float32))
-        warnings = writer_of(which, writing).write(depth, path)
+        warnings = writer_of(format_, writing).write(depth, path)
         assert [int(warning.split()[0]) for warning in warnings] == ([beyond] if beyond else [])
         steps = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         assert steps[0, 0] == round(1 + share * 65534)
@@ -394,8 +394,8 @@ def test_one_end_of_a_range_leaves_the_other_to_the_map(tmp_path: Path) -> None:
         ({"vmax": 2}, [1, 65535, 65535]),
     ):
         Png16Writer(png_normalize=True, **ends).write(depth, path)
-        found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[0].tolist()
-        assert found == steps, ends
+        pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[0].tolist()
+        assert pixels == steps, ends
     for ends in ({"vmin": 0}, {"vmax": -1}):
         with pytest.raises(OutputError):
             Png16Writer(png_inverse=True, **ends).write(depth, path)

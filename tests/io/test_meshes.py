@@ -39,10 +39,10 @@ def box_before_wall() -> DepthMap:
 
 def written(path: Path, depth: DepthMap, frame: Frame | None = None, **options: Any) -> Any:
     """A mesh or cloud as trimesh reads it, with its points as they are in the file."""
-    which = Format(path.suffix[1:])
-    writer_of(which, WriterOptions(**options)).write(depth, path, frame)
+    format_ = Format(path.suffix[1:])
+    writer_of(format_, WriterOptions(**options)).write(depth, path, frame)
     assert is_own(path)
-    return trimesh.load(path, process=False, force="mesh" if which is Format.GLB else None)
+    return trimesh.load(path, process=False, force="mesh" if format_ is Format.GLB else None)
 
 
 def test_a_glb_is_a_mesh_in_metres_with_y_up(tmp_path: Path) -> None:
@@ -62,8 +62,8 @@ def test_a_glb_is_a_mesh_in_metres_with_y_up(tmp_path: Path) -> None:
 def test_the_camera_sees_no_outline(smear: int, tmp_path: Path, *, keep_edges: bool) -> None:
     values = cv2.blur(np.nan_to_num(box_before_wall().values, nan=3), (smear, smear))
     mesh = written(tmp_path / "a.glb", DepthMap(values, provenance=SOURCE), keep_edges=keep_edges)
-    seen = mesh.vertices[:, :2] / -mesh.vertices[:, 2:] * [1, -1] * FOCAL_PX
-    pixels = np.rint(8 * (seen + np.array([WIDTH - 1, HEIGHT - 1]) / 2)).astype(np.int32)
+    projected = mesh.vertices[:, :2] / -mesh.vertices[:, 2:] * [1, -1] * FOCAL_PX
+    pixels = np.rint(8 * (projected + np.array([WIDTH - 1, HEIGHT - 1]) / 2)).astype(np.int32)
     covered = np.zeros((8 * (HEIGHT - 1), 8 * (WIDTH - 1)), np.uint8)
     for corners in pixels[mesh.faces]:
         cv2.fillConvexPoly(covered, corners, 1)

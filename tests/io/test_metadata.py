@@ -57,8 +57,8 @@ def test_a_file_says_which_camera(
     if isinstance(writer, FloatWriter):  # which has no room for words
         SidecarWriter().write(seen_by(source), path.with_suffix(".json"))
     assert read_metadata(path)["camera"] == WORDS[source]
-    found = read_stored_depth(path).displayed.provenance
-    assert (found.focal_px, found.camera_source) == (2, source)
+    provenance = read_stored_depth(path).displayed.provenance
+    assert (provenance.focal_px, provenance.camera_source) == (2, source)
 
 
 def _changed_by_another_program(path: Path, rows: slice, columns: slice) -> Path:
@@ -82,9 +82,9 @@ def _wide(tmp_path: Path) -> Path:
 def test_focal_length_of_resized_depth_is_scaled(tmp_path: Path) -> None:
     path = _changed_by_another_program(_wide(tmp_path), slice(None, None, 4), slice(None, None, 4))
     stored = read_stored_depth(path)
-    found = stored.displayed.provenance
-    assert found.focal_px == pytest.approx(55.4256 / 4)
-    assert found.centre_px == pytest.approx((9.625, 4.625))
+    provenance = stored.displayed.provenance
+    assert provenance.focal_px == pytest.approx(55.4256 / 4)
+    assert provenance.centre_px == pytest.approx((9.625, 4.625))
     assert stored.metadata["camera"] == "hfov 60.0° (given)"
     assert ["64×48" in text and "16×12" in text for text in stored.warnings] == [True]
     PlyWriter().write(stored.displayed, tmp_path / "a.ply")
@@ -95,15 +95,15 @@ def test_focal_length_of_cropped_depth_is_refused(tmp_path: Path) -> None:
     assert read_stored_depth(original).warnings == ()
     path = _changed_by_another_program(original, slice(0, 20), slice(10, 50))
     stored = read_stored_depth(path)
-    found = stored.displayed.provenance
-    assert (found.focal_px, found.centre_px, found.is_cropped) == (None, None, True)
+    provenance = stored.displayed.provenance
+    assert (provenance.focal_px, provenance.centre_px, provenance.is_cropped) == (None, None, True)
     assert not {"camera", "focal_px"} & set(stored.metadata)
     assert ["64" in text and "40×20" in text for text in stored.warnings] == [True]
     with pytest.raises(OutputError):
         PlyWriter().write(stored.displayed, tmp_path / "a.ply")
-    given = with_camera(stored.displayed, Intrinsics(focal_px=50.0))
-    PlyWriter().write(given, tmp_path / "a.ply")
-    assert given.provenance.focal_px == 50
+    depth = with_camera(stored.displayed, Intrinsics(focal_px=50.0))
+    PlyWriter().write(depth, tmp_path / "a.ply")
+    assert depth.provenance.focal_px == 50
 
 
 DEPTH_M = np.linspace(0.5, 9, 12, dtype=np.float32).reshape(3, 4)
@@ -242,8 +242,8 @@ def write(path: Path, values: np.ndarray, channel: str = "Z") -> Path:
     return path
 
 
-def depth_of(path: Path, **stated: Any) -> np.ndarray:
-    return read_stored_depth(path, DepthReadOptions(**stated)).displayed.values
+def depth_of(path: Path, **options: Any) -> np.ndarray:
+    return read_stored_depth(path, DepthReadOptions(**options)).displayed.values
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.npy"])
@@ -254,8 +254,8 @@ def test_floats_have_a_unit(name: str, units_per_metre: float, tmp_path: Path) -
     assumed = read_stored_depth(path)
     assert assumed.scale == DepthScale(1.0, "assumed")
     assert len(assumed.warnings_with_scale("from_scale")) == 1  # hardly metres
-    for stated in ({"scale": units_per_metre}, {"unstated_scale": units_per_metre}):
-        np.testing.assert_allclose(depth_of(path, **stated), PLANE_M, rtol=1e-6)
+    for options in ({"scale": units_per_metre}, {"unstated_scale": units_per_metre}):
+        np.testing.assert_allclose(depth_of(path, **options), PLANE_M, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.npy"])
@@ -271,16 +271,16 @@ def test_mist_and_disparity_are_no_depth(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         read_stored_depth(mist)
     assert read_stored_depth(mist, DepthReadOptions(layer="Mist")).channel == "ViewLayer.Mist.Z"
-    found = read_stored_depth(write(tmp_path / "stereo.exr", PLANE_M, "disparity.R"))
-    assert found.depth.kind is DepthKind.INVERSE
+    stored = read_stored_depth(write(tmp_path / "stereo.exr", PLANE_M, "disparity.R"))
+    assert stored.depth.kind is DepthKind.INVERSE
 
 
 def test_metres_in_floats_need_no_warning(tmp_path: Path) -> None:
     assert not read_stored_depth(write(tmp_path / "a.npy", PLANE_M)).warnings_with_scale("scale")
     ExrWriter().write(DepthMap(PLANE_M), tmp_path / "own.exr")
-    own = read_stored_depth(tmp_path / "own.exr", DepthReadOptions(unstated_scale=1000))
-    assert own.scale == DepthScale(1.0, "file")
-    np.testing.assert_array_equal(own.depth.values, PLANE_M)
+    stored = read_stored_depth(tmp_path / "own.exr", DepthReadOptions(unstated_scale=1000))
+    assert stored.scale == DepthScale(1.0, "file")
+    np.testing.assert_array_equal(stored.depth.values, PLANE_M)
 
 
 @pytest.mark.parametrize(
@@ -371,8 +371,8 @@ def test_distance_along_the_ray(centre_px: tuple[float, float] | None, tmp_path:
     camera = Intrinsics(HFOV.focal_for(8, 6), centre_px=centre_px)
     lengths = ray_lengths(camera, centre_px or (3.5, 2.5))
     path = write(tmp_path / "a.npy", 3 * lengths)
-    found = depth_of(path, kind=DepthEncoding.DISTANCE, camera=camera)
-    np.testing.assert_allclose(found, 3, rtol=1e-6)
+    depth_m = depth_of(path, kind=DepthEncoding.DISTANCE, camera=camera)
+    np.testing.assert_allclose(depth_m, 3, rtol=1e-6)
     with pytest.raises(InputError):
         depth_of(path, kind=DepthEncoding.DISTANCE)
 
@@ -385,28 +385,28 @@ def test_distance_over_a_data_window(tmp_path: Path) -> None:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **windows}
     values = np.ascontiguousarray(3 * ray_lengths(HFOV)[2:, 5:])
     OpenEXR.File(header, {"Z": values}).write(str(tmp_path / "a.exr"))
-    found = depth_of(tmp_path / "a.exr", kind=DepthEncoding.DISTANCE, camera=HFOV)
-    np.testing.assert_allclose(found[2:, 5:], 3, rtol=1e-6)
+    depth_m = depth_of(tmp_path / "a.exr", kind=DepthEncoding.DISTANCE, camera=HFOV)
+    np.testing.assert_allclose(depth_m[2:, 5:], 3, rtol=1e-6)
 
 
 def test_disparity_has_a_baseline(tmp_path: Path) -> None:
     """KITTI: 256 units per pixel, 721 px, .54 m."""
     steps = np.rint(256 * 721.5 * 0.54 / PLANE_M / 10).astype(np.uint16)
     steps[0, 0] = 0
-    stated = {"kind": DepthEncoding.DISPARITY, "camera": Intrinsics(721.5), "scale": 256.0}
+    options = {"kind": DepthEncoding.DISPARITY, "camera": Intrinsics(721.5), "scale": 256.0}
     path = write(tmp_path / "a.png", steps)
-    found = depth_of(path, baseline_m=0.054, **stated)
-    assert math.isnan(found[0, 0])
-    np.testing.assert_allclose(found.ravel()[1:], PLANE_M.ravel()[1:], rtol=1e-3)
+    depth_m = depth_of(path, baseline_m=0.054, **options)
+    assert math.isnan(depth_m[0, 0])
+    np.testing.assert_allclose(depth_m.ravel()[1:], PLANE_M.ravel()[1:], rtol=1e-3)
     with pytest.raises(InputError):
-        depth_of(path, **stated)
+        depth_of(path, **options)
 
 
 def test_inverse_depth_is_metric_with_a_scale(tmp_path: Path) -> None:
     path = write(tmp_path / "a.npy", np.append(1 / PLANE_M, np.float32([[0] * 8]), 0))
     relative = read_stored_depth(path, DepthReadOptions(kind=DepthEncoding.INVERSE)).depth
     assert relative.kind is DepthKind.INVERSE
-    found = read_stored_depth(path, DepthReadOptions(1.0, DepthEncoding.INVERSE)).depth
-    assert found.is_metric
-    np.testing.assert_allclose(found.values[:6], PLANE_M, rtol=1e-6)
-    assert not found.valid[6].any()
+    metric = read_stored_depth(path, DepthReadOptions(1.0, DepthEncoding.INVERSE)).depth
+    assert metric.is_metric
+    np.testing.assert_allclose(metric.values[:6], PLANE_M, rtol=1e-6)
+    assert not metric.valid[6].any()

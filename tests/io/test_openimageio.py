@@ -64,8 +64,8 @@ def test_linear_light_is_encoded_as_srgb(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", [0, 1])
 def test_gray_tiff_with_alpha_or_inverted_has_its_brightness(kind: int) -> None:
     gray = WORDS[..., :2]
-    found = read_image(None, made.tiff(gray, photometric=1, extra=(2,))).pixels
-    np.testing.assert_array_equal(found, gray[..., 0])
+    image = read_image(None, made.tiff(gray, photometric=1, extra=(2,))).pixels
+    np.testing.assert_array_equal(image, gray[..., 0])
     inverted = read_image(None, made.tiff(gray[..., kind], photometric=0)).pixels
     np.testing.assert_array_equal(inverted, 65535 - gray[..., kind])
 
@@ -105,5 +105,5 @@ def test_uncompressed_tiles_of_any_size_are_read(
     """tifffile's ``tile=(16, 16)`` and ``tiffcp -t -w 16 -l 16`` write such files."""
     pixels = np.random.default_rng(0).integers(0, 255, (40, 56, channels), np.uint8)
     data = written(tmp_path / "a.tif", pixels, tile, compression="none")
-    found = read_image(None, data).pixels
-    np.testing.assert_array_equal(found, pixels if channels == 3 else pixels[..., 0])
+    image = read_image(None, data).pixels
+    np.testing.assert_array_equal(image, pixels if channels == 3 else pixels[..., 0])

@@ -32,13 +32,13 @@ MAPS = st.lists(DEPTHS, min_size=1, max_size=12).map(lambda row: np.array([row],
 def test_stretched(kind: DepthKind, values: np.ndarray) -> None:
     lowest = 0 if kind is DepthKind.METRIC else -math.inf
     steps, (low, high), saturated = stretched(DepthMap(values, kind), WriterOptions())
-    known = [float(value) for value in values[0] if lowest < value < math.inf]
-    ends = (min(known), max(known)) if known else (0.0, 0.0)
+    valid = [float(value) for value in values[0] if lowest < value < math.inf]
+    ends = (min(valid), max(valid)) if valid else (0.0, 0.0)
     assert (low, high, saturated) == (*ends, 0)
     np.testing.assert_array_equal(stretched(DepthMap(values.T, kind), WriterOptions())[0], steps.T)
-    for value, found in zip(values[0].tolist(), steps[0].tolist(), strict=True):
+    for value, step in zip(values[0].tolist(), steps[0].tolist(), strict=True):
         share = (value - low) / (high - low or 1.0)
-        assert found == (np.rint(1 + share * 65534) if value in known else 0)
+        assert step == (np.rint(1 + share * 65534) if value in valid else 0)
 
 
 @pytest.mark.parametrize("precision", [np.float32, np.float64])
@@ -162,11 +162,11 @@ def test_pil_images(mode: str, tmp_path: Path) -> None:
         image.save(tmp_path / "a.png", exif=facts)
         with Image.open(tmp_path / "a.png") as opened:
             frame = frame_of(opened)
-            own = frame_of(opened.copy())
+            copied = frame_of(opened.copy())
         assert (frame.orientation, frame.focal_35mm) == expected
         assert frame.path == tmp_path / "a.png"
         upright = np.rot90(np.array(image), 3) if orientation == 6 else np.array(image)
         np.testing.assert_array_equal(frame.pixels, upright)
         np.testing.assert_array_equal(frame.pixels, frame_of(tmp_path / "a.png").pixels)
-        np.testing.assert_array_equal(own.pixels, np.array(image))
-        assert own.orientation == 1
+        np.testing.assert_array_equal(copied.pixels, np.array(image))
+        assert copied.orientation == 1

@@ -180,8 +180,8 @@ def test_pixels_without_depth_are_far_and_black_if_transparent() -> None:
     np.testing.assert_array_equal(left[:5], eyes(box_before_wall(), TEXTURE)[0][:5])
     cut_out = replace(TEXTURE, transparent=~depth.valid)  # a PNG with alpha
     sheet = PreviewWriter(side_by_side=True).render(depth, cut_out)[:, :WIDTH]
-    for shown in (eyes(depth, cut_out)[0], sheet):
-        assert (shown[:5].any(), shown[5:].any()) == (False, True)
+    for view in (eyes(depth, cut_out)[0], sheet):
+        assert (view[:5].any(), view[5:].any()) == (False, True)
 
 
 def test_a_pair_needs_the_image(tmp_path: Path) -> None:
@@ -203,8 +203,8 @@ def made(height: int = 24, width: int = 40) -> DepthMap:
 
 
 def data_of(page: str) -> dict[str, Any]:
-    found = re.search(r'id="data">(.*?)</script>', page, re.DOTALL)
-    data: dict[str, Any] = json.loads(found[1])
+    match = re.search(r'id="data">(.*?)</script>', page, re.DOTALL)
+    data: dict[str, Any] = json.loads(match[1])
     return data
 
 
@@ -242,8 +242,8 @@ def test_page_has_the_image_and_loads_nothing(tmp_path: Path) -> None:
     pixels[..., 1] = np.arange(40) * 6
     page, _ = HtmlWriter().render(made(), Frame(pixels, tmp_path / "<i>.jpg"))
     jpeg = np.frombuffer(base64.b64decode(data_of(page)["image"]), np.uint8)
-    shown = cv2.imdecode(jpeg, cv2.IMREAD_COLOR)[..., ::-1]
-    assert abs(shown.astype(int) - pixels).max() < 12
+    image = cv2.imdecode(jpeg, cv2.IMREAD_COLOR)[..., ::-1]
+    assert abs(image.astype(int) - pixels).max() < 12
     assert "<title>&lt;i&gt;.jpg</title>" in page
     assert "default-src 'none'" in page
     assert not re.search(r'(src|href)="', page)
@@ -271,14 +271,14 @@ def shown_by_browser(page: Path, awaited: str) -> str:
         *("--enable-unsafe-swiftshader", "--virtual-time-budget=20000", "--dump-dom"),
         *(f"--user-data-dir={page.parent / 'browser'}", page.as_uri()),
     ]
-    shown = ""
+    dom = ""
     for _ in range(3):  # on a busy machine, its virtual time can end before the page has run
-        shown = subprocess.run(
+        dom = subprocess.run(
             command, capture_output=True, check=False, timeout=120, text=True
         ).stdout
-        if awaited in shown:
+        if awaited in dom:
             break
-    return shown
+    return dom
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine")
@@ -303,6 +303,6 @@ document.body.dataset.views = views.map((view) => views.indexOf(view)).join(" ")
 def test_keys_orbit_zoom_and_show_their_list(tmp_path: Path) -> None:
     page, _ = HtmlWriter(keep_edges=True).render(made())
     (tmp_path / "a.html").write_text(page.replace("</body>", f"{PRESS_KEYS}</body>"), "utf-8")
-    shown = shown_by_browser(tmp_path / "a.html", "data-views")
-    assert 'data-views="0 1 2 1 0 5 5"' in shown
-    assert ('id="list"' in shown, "hidden" in shown.partition('id="list"')[2][:40]) == (True, False)
+    dom = shown_by_browser(tmp_path / "a.html", "data-views")
+    assert 'data-views="0 1 2 1 0 5 5"' in dom
+    assert ('id="list"' in dom, "hidden" in dom.partition('id="list"')[2][:40]) == (True, False)

@@ -144,9 +144,9 @@ def test_outputs_appear_whole_with_their_checksum(bucket: Bucket, tmp_path: Path
 
 def test_errors_name_the_object_and_not_its_copy(bucket: Bucket) -> None:
     path = remote(bucket.put("clip.mp4", b"x"))
-    with pytest.raises(InputError) as told, local_copy(path) as copy:
+    with pytest.raises(InputError) as error, local_copy(path) as copy:
         raise InputError(f"{copy} is damaged")
-    assert str(told.value) == f"{path} is damaged"
+    assert str(error.value) == f"{path} is damaged"
     with pytest.raises(InputError), local_copy(path / "none"):
         pass
 
@@ -179,11 +179,11 @@ def test_request_that_keeps_failing_is_an_error(
     monkeypatch.setenv(objects.RETRIES_VARIABLE, "1")
     faults.fault = lambda *_: answer
     path = remote(bucket.uri("a.jpg"))
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as error:
         read_bytes(path)
     with pytest.raises(OutputError) as failed, atomic_path(path) as temporary:
         temporary.write_bytes(b"x")
-    for text in map(str, (told.value, failed.value)):
+    for text in map(str, (error.value, failed.value)):
         assert text.count("\n") == 0
         assert text.count(str(path)) == 1
         assert not any(secret in text for secret in KEYS.values())
@@ -209,11 +209,11 @@ def test_a_list_of_a_bucket_comes_page_by_page(
     names = [f"{number}.jpg" for number in range(7)]
     for name in names:
         bucket.put(name, b"")
-    found = remote(bucket.uri()).walk_names()
-    first = next(found)
+    listed = remote(bucket.uri()).walk_names()
+    first = next(listed)
     assert sum(faults.seen.values()) == 1  # nobody has asked for the second page yet
     once_each()
-    assert [first, *found] == names
+    assert [first, *listed] == names
 
 
 class Hello(Server):
@@ -261,7 +261,7 @@ def plain_server() -> Iterator[tuple[str, list[str]]]:
 def test_google_and_azure_are_asked_as_they_want_it(
     plain_server: tuple[str, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    endpoint, asked = plain_server
+    endpoint, requests = plain_server
     account = {"gcs_base_url": endpoint, "disable_oauth": True, "client_email": "a"}
     keys = {"private_key": "b", "private_key_id": "c"}
     (tmp_path / "account.json").write_text(json.dumps(account | keys))
@@ -277,11 +277,11 @@ def test_google_and_azure_are_asked_as_they_want_it(
         assert path_of(f"{folder}/x y/z.jpg").read_bytes() == b"hello"
         with atomic_path(path_of(f"{folder}/out/q.npy")) as temporary:
             temporary.write_bytes(b"123")
-    assert [one.rpartition(" ")[0] for one in asked[:2]] == [
+    assert [request.rpartition(" ")[0] for request in requests[:2]] == [
         "GET /bucket/x%20y%2Fz%2Ejpg",
         "PUT /bucket/out%2Fq%2Enpy",
     ]
-    assert asked[2:] == ["GET /container/x%20y/z.jpg signed", "PUT /container/out/q.npy signed"]
+    assert requests[2:] == ["GET /container/x%20y/z.jpg signed", "PUT /container/out/q.npy signed"]
 
 
 def test_azure_without_an_account_says_how_to_give_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -292,43 +292,43 @@ def test_azure_without_an_account_says_how_to_give_one(monkeypatch: pytest.Monke
 
 
 def test_files_behind_http(plain_server: tuple[str, list[str]]) -> None:
-    server, asked = plain_server
+    server, requests = plain_server
     moved = remote(f"{server}/moved")
     assert moved.read_bytes() == b"hello"
     assert moved.read_bytes(first=2) == b"he"  # the server knows nothing of ranges
     with pytest.raises(InputError):
         read_bytes(remote(f"{server}/endless"))
-    asked.clear()
+    requests.clear()
     assert remote(server.replace("//", "//user:word@") + "/x").read_bytes() == b"hello"
-    assert asked == ["GET /x signed"]
+    assert requests == ["GET /x signed"]
 
 
 def test_interrupted_download_behind_http_is_resumed(plain_server: tuple[str, list[str]]) -> None:
-    server, asked = plain_server
+    server, requests = plain_server
     assert remote(f"{server}/cut").read_bytes() == b"hello"
-    assert len(asked) == 2
+    assert len(requests) == 2
 
 
 def test_redirect_to_a_private_address_is_refused_unless_named(
     plain_server: tuple[str, list[str]],
 ) -> None:
-    server, asked = plain_server
+    server, requests = plain_server
     for place, problem in (("inside", "private address"), ("ftp", "ftp://")):
         with pytest.raises(InputError, match=problem):
             read_bytes(remote(f"{server}/{place}"))
-    assert asked == ["GET /inside open", "GET /ftp open"]
+    assert requests == ["GET /inside open", "GET /ftp open"]
     named = server.replace("127.0.0.1", "localhost")
     assert read_bytes(remote(f"{named}/inside")) == b"hello"
 
 
 def test_percent_escapes_are_sent_as_they_are(plain_server: tuple[str, list[str]]) -> None:
-    server, asked = plain_server
+    server, requests = plain_server
     keys = ["my%20room.jpg", "a%2Fb%C3%BC.jpg", "%E9.jpg", "my%20room.jpg?signature=x"]
     for key in keys:
         assert remote(f"{server}/{key}").read_bytes() == b"hello"
     assert remote(f"{server}/my room 100%.jpg").read_bytes() == b"hello"
     places = [key.partition("?")[0] for key in keys]
-    assert asked == [f"GET /{place} open" for place in [*places, "my%20room%20100%25.jpg"]]
+    assert requests == [f"GET /{place} open" for place in [*places, "my%20room%20100%25.jpg"]]
 
 
 def test_credentials_are_those_of_the_usual_chain(
@@ -453,17 +453,17 @@ def test_folder_of_a_store_is_listed_like_a_local_one(bucket: Bucket) -> None:
     for name in names:
         bucket.put(name, b"")
     root = bucket.uri("in")
-    found = list_folder(root, leave_out=f"{root}/out", skip={"l", "h/j"}.__contains__)
-    wanted = ["g.JPG", "l.jpg", "out.jpg", "h/i.mp4", "q.out/r.jpg"]
-    assert found.media == [InputFile(name, bucket.uri(f"in/{name}")) for name in wanted]
-    assert found.skipped == [
+    listing = list_folder(root, leave_out=f"{root}/out", skip={"l", "h/j"}.__contains__)
+    media = ["g.JPG", "l.jpg", "out.jpg", "h/i.mp4", "q.out/r.jpg"]
+    assert listing.media == [InputFile(name, bucket.uri(f"in/{name}")) for name in media]
+    assert listing.skipped == [
         Skipped(".b.jpg", "hidden"),
         Skipped("e.txt", ".txt"),
         Skipped("f.depth.mkv", "written by depthcli"),
         Skipped("p", "without suffix"),
     ]
     every = list_folder(bucket.uri(), leave_out="elsewhere").media
-    assert [one.name for one in every if "out/" in one.name] == ["in/out/s.jpg", "in/q.out/r.jpg"]
+    assert [f.name for f in every if "out/" in f.name] == ["in/out/s.jpg", "in/q.out/r.jpg"]
     assert every[0] == InputFile("a.jpg", bucket.uri("a.jpg"))
 
 

@@ -39,8 +39,8 @@ def touch(root: Path, *names: str) -> None:
 def test_media_of_a_tree_in_the_order_of_their_names(tmp_path: Path) -> None:
     touch(tmp_path, "b/z.PNG", "b/a/c.mp4", "a.jpeg", "c.txt", ".hidden.jpg", ".git/x.png", "b.gif")
     listing = list_folder(str(tmp_path))
-    assert [found.name for found in listing.media] == ["a.jpeg", "b.gif", "b/z.PNG", "b/a/c.mp4"]
-    assert [found.path for found in listing.media][2] == str(tmp_path / "b/z.PNG")
+    assert [file.name for file in listing.media] == ["a.jpeg", "b.gif", "b/z.PNG", "b/a/c.mp4"]
+    assert [file.path for file in listing.media][2] == str(tmp_path / "b/z.PNG")
     assert listing.skipped == [(".hidden.jpg", "hidden"), ("c.txt", ".txt")]
     assert listing.loops == []
 
@@ -52,7 +52,7 @@ def test_links_are_followed_but_not_round_in_circles(tmp_path: Path) -> None:
     (tmp_path / "in" / "broken.png").symlink_to("nowhere")
     (tmp_path / "in" / "itself.png").symlink_to("itself.png")
     listing = list_folder(str(tmp_path / "in"))
-    assert [found.name for found in listing.media] == [
+    assert [file.name for file in listing.media] == [
         *("broken.png", "itself.png", "far/b.png", "hall/a.png")
     ]
     assert listing.loops == ["hall/up"]
@@ -64,13 +64,13 @@ def test_folders_that_are_left_out(tmp_path: Path) -> None:
     listing = list_folder(
         str(tmp_path / "in"), leave_out=str(tmp_path / "in" / "out"), skip=lambda n: n == "thumbs"
     )
-    assert [found.name for found in listing.media] == ["c.png"]
+    assert [file.name for file in listing.media] == ["c.png"]
 
 
 def test_a_folder_that_cannot_be_listed_is_named(tmp_path: Path) -> None:
-    (found,) = list_folder(str(tmp_path / "missing")).media
-    assert "cannot be listed" in found.problem
-    assert found.name == "."
+    (entry,) = list_folder(str(tmp_path / "missing")).media
+    assert "cannot be listed" in entry.problem
+    assert entry.name == "."
 
 
 @pytest.mark.parametrize(
@@ -96,8 +96,8 @@ def test_a_list_redirected_by_windows_powershell_is_refused() -> None:
 
 def test_listed_paths_are_named_from_the_folder() -> None:
     words = ["z.png", "./a.png", "hall/../b.png", "/far/c.png", "/base/d.png", "../e.png"]
-    found = {f.name: f.path for f in listed_inputs(words, "/base")}
-    assert found == {
+    paths = {f.name: f.path for f in listed_inputs(words, "/base")}
+    assert paths == {
         "a.png": "/base/./a.png",
         "b.png": "/base/hall/../b.png",
         "d.png": "/base/d.png",
@@ -105,7 +105,7 @@ def test_listed_paths_are_named_from_the_folder() -> None:
         "far/c.png": "/far/c.png",
         "z.png": "/base/z.png",
     }
-    assert [one.name for one in listed_inputs(["a.png", "./a.png"], "/base")] == ["a.png"] * 2
+    assert [file.name for file in listed_inputs(["a.png", "./a.png"], "/base")] == ["a.png"] * 2
 
 
 def test_skipped_files_are_counted_by_reason() -> None:
@@ -148,12 +148,12 @@ def test_why_a_file_is_no_input(name: str, reason: str | None, tmp_path: Path) -
 
 def test_listed_uris_are_named_from_the_folder() -> None:
     words = ["s3://b/k/x/a.png", "s3://b/c.png", "gs://b/k/d.png", "ftp://h/e.png", "s3:///f.png"]
-    found = list(listed_inputs(words, "s3://b/k"))
-    assert [one.name for one in found] == [
+    files = list(listed_inputs(words, "s3://b/k"))
+    assert [file.name for file in files] == [
         *("x/a.png", "b/c.png", "b/k/d.png", "ftp/h/e.png", "s3//f.png")
     ]
-    assert [one.path for one in found] == words
-    problems = [one.problem or "" for one in found]
+    assert [file.path for file in files] == words
+    problems = [file.problem or "" for file in files]
     assert problems[:3] == [""] * 3
     assert "unknown scheme ftp://" in problems[3]
     assert "has no bucket" in problems[4]
@@ -165,7 +165,7 @@ def test_folders_of_storage_systems_are_skipped_and_counted(tmp_path: Path) -> N
     """Synology keeps thumbnails in @eaDir beside every image."""
     touch(tmp_path, "a.jpg", "@eaDir/a.jpg/SYNOPHOTO_THUMB_M.jpg", "b/@eaDir/c.jpg")
     listing = list_folder(str(tmp_path))
-    assert [found.name for found in listing.media] == ["a.jpg"]
+    assert [file.name for file in listing.media] == ["a.jpg"]
     assert skip_summary(listing.skipped) == "2 files skipped (2 @eaDir)"
 
 

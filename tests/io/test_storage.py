@@ -36,21 +36,21 @@ from depthcli.io.storage.paths import read_regular
 
 def test_two_at_one_output_do_not_meet(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
-    with atomic_path(path) as one:
-        one.write_bytes(b"one")
+    with atomic_path(path) as first:
+        first.write_bytes(b"one")
         with atomic_path(path) as other:
             other.write_bytes(b"other")
-            for name in (one.name, other.name):  # which the next run knows to be temporary
+            for name in (first.name, other.name):  # which the next run knows to be temporary
                 assert re.fullmatch(r"\.depthcli-[0-9a-f]{16}\.png", name)
                 assert tmp_path / name in temporaries._own
         assert path.read_bytes() == b"other"
-        assert one.read_bytes() == b"one"
+        assert first.read_bytes() == b"one"
     assert path.read_bytes() == b"one"
-    assert not {one, other} & temporaries._own
+    assert not {first, other} & temporaries._own
     handle = open_locked(path)
     assert handle is not None  # nobody has it any more
     os.close(handle)
-    assert [found.name for found in tmp_path.iterdir()] == ["a.png"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.png"]
 
 
 def test_links_are_not_locked(tmp_path: Path) -> None:
@@ -81,8 +81,8 @@ def test_where_there_are_no_locks_all_is_free(
         raise OSError(errno.ENOTSUP, "no locks")
 
     monkeypatch.setattr(fcntl, "flock", refused)
-    with folder_lock(tmp_path) as one, folder_lock(tmp_path) as other:
-        assert (one, other) == (True, True)
+    with folder_lock(tmp_path) as first, folder_lock(tmp_path) as other:
+        assert (first, other) == (True, True)
 
     def closed(_path: Path, _flags: int) -> int:
         raise PermissionError
@@ -203,12 +203,12 @@ ONES = np.ones((4, 5), np.float32)
 DEPTH = DepthMap(ONES, provenance=Provenance(focal_px=9.0), error=ONES / 8)
 
 
-@pytest.mark.parametrize("which", Format)
+@pytest.mark.parametrize("format_", Format)
 def test_files_of_every_format_are_own_by_mark_or_default_name(
-    tmp_path: Path, which: Format
+    tmp_path: Path, format_: Format
 ) -> None:
-    path = tmp_path / f"a{which.facts.suffix}"
-    writer_of(which, WriterOptions()).write(DEPTH, path, Frame(np.zeros((4, 5, 3), np.uint8)))
+    path = tmp_path / f"a{format_.facts.suffix}"
+    writer_of(format_, WriterOptions()).write(DEPTH, path, Frame(np.zeros((4, 5, 3), np.uint8)))
     assert is_own(path)
     other = tmp_path / f"other{path.suffix}"
     other.write_bytes(b"another program's")

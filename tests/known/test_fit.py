@@ -24,8 +24,8 @@ def fitted_map(depth: DepthMap, points: list[Point] | KnownDepth) -> DepthMap:
 @pytest.mark.parametrize("kind", [DepthKind.RELATIVE, DepthKind.INVERSE])
 def test_anchors_recover_scale_and_shift(kind: DepthKind) -> None:
     truth_m = RANDOM.uniform(1, 9, (8, 10))
-    seen = 1 / truth_m if kind is DepthKind.INVERSE else truth_m
-    depth = DepthMap(((seen - 0.05) / 1.7).astype(np.float32), kind)
+    values = 1 / truth_m if kind is DepthKind.INVERSE else truth_m
+    depth = DepthMap(((values - 0.05) / 1.7).astype(np.float32), kind)
     points = [Point(x, y, float(truth_m[y, x])) for x, y in [(0, 0), (9, 7), (4, 2)]]
     fitted = fitted_map(depth, points)
     assert fitted.kind is DepthKind.METRIC
@@ -71,8 +71,8 @@ def test_fitted_depth_behind_the_camera_is_invalid() -> None:
     np.testing.assert_allclose(fitted.values, [[np.nan, np.nan, 1, 4]], rtol=1e-5)
     nothing = DepthMap(np.float32([[0.0, 2.0, 4.0]]), DepthKind.RELATIVE)
     for depth in (nothing, DepthMap(nothing.values)):  # one point fits the scale
-        found = fitted_map(depth, [Point(1, 0, 3.0)])
-        np.testing.assert_allclose(found.values, [[np.nan, 3, 6]], rtol=1e-6)
+        fitted = fitted_map(depth, [Point(1, 0, 3.0)])
+        np.testing.assert_allclose(fitted.values, [[np.nan, 3, 6]], rtol=1e-6)
 
 
 def behind(kind: DepthKind) -> tuple[DepthMap, list[Point]]:
@@ -105,8 +105,8 @@ def scene(kind: DepthKind) -> tuple[DepthMap, np.ndarray]:
     """A map of a kind, and its metres."""
     random = np.random.default_rng(5)
     truth_m = random.uniform(1, 9, (60, 80))
-    seen = 1 / truth_m if kind is DepthKind.INVERSE else truth_m
-    return DepthMap(((seen - 0.05) / 1.7).astype(np.float32), kind), truth_m
+    values = 1 / truth_m if kind is DepthKind.INVERSE else truth_m
+    return DepthMap(((values - 0.05) / 1.7).astype(np.float32), kind), truth_m
 
 
 @pytest.mark.parametrize("kind", list(DepthKind))
@@ -119,15 +119,15 @@ def test_many_points_are_fitted_in_spite_of_wrong_ones(kind: DepthKind) -> None:
     sensed_m[is_wrong] = random.uniform(9, 14, is_wrong.sum())
     sensed_m[random.random(truth_m.shape) < 0.5] = 0
     points = KnownDepth.of_map(sensed_m)
-    found = fitted_map(depth, points)
-    assert found.kind is DepthKind.METRIC
-    assert np.mean(np.abs(found.values / truth_m - 1) < 0.02) > 0.99
-    assert found.provenance.anchors == ()
-    fit = found.provenance.anchor_fit
+    metric = fitted_map(depth, points)
+    assert metric.kind is DepthKind.METRIC
+    assert np.mean(np.abs(metric.values / truth_m - 1) < 0.02) > 0.99
+    assert metric.provenance.anchors == ()
+    fit = metric.provenance.anchor_fit
     assert fit.given == len(points) == np.count_nonzero(sensed_m)
     assert 0.6 * fit.given < fit.used < 0.75 * fit.given
     y, x = np.nonzero(sensed_m)
-    errors_m = np.abs(found.values[y, x] - sensed_m[y, x])
+    errors_m = np.abs(metric.values[y, x] - sensed_m[y, x])
     assert fit.residual_m == pytest.approx(np.median(errors_m))
 
 
@@ -136,18 +136,18 @@ def test_of_five_points_a_wrong_one_has_no_effect(kind: DepthKind) -> None:
     depth, truth_m = scene(kind)
     points = [Point(x, 0, float(truth_m[0, x])) for x in range(5)]
     points[2] = points[2]._replace(depth_m=14.0)
-    found = fitted_map(depth, points)
+    metric = fitted_map(depth, points)
     # Of metric maps, five points side by side say little about a shift.
-    assert found.values == pytest.approx(truth_m, rel=1e-2 if kind is DepthKind.METRIC else 1e-3)
-    assert found.provenance.anchor_fit.used == 4
+    assert metric.values == pytest.approx(truth_m, rel=1e-2 if kind is DepthKind.METRIC else 1e-3)
+    assert metric.provenance.anchor_fit.used == 4
 
 
 def test_many_points_need_not_all_have_a_value_in_the_map_but_some_have_to_fit() -> None:
     depth, truth_m = scene(DepthKind.METRIC)
     depth.values[0, :40] = np.nan
     points = [Point(x, 0, float(truth_m[0, x])) for x in range(80)]
-    found = fitted_map(depth, points)
-    assert found.provenance.anchor_fit[:2] == (40, 80)
+    metric = fitted_map(depth, points)
+    assert metric.provenance.anchor_fit[:2] == (40, 80)
     for wrong in (points[:40], KnownDepth.of_map(10 - truth_m)):  # without depth, contradicting
         with pytest.raises(UsageError):
             fitted_map(depth, wrong)
@@ -225,9 +225,9 @@ def points(count: int, *, noise: float = 0, wrong: float = 0, seed: int = 1) -> 
     return KnownDepth.of_table(np.stack([x, y, depth_m], axis=1))
 
 
-def _both(depth: DepthMap, seen: KnownDepth) -> tuple[DepthMap, DepthMap]:
+def _both(depth: DepthMap, anchors: KnownDepth) -> tuple[DepthMap, DepthMap]:
     """The map as it is fitted, and as it follows the points."""
-    return fitted_map(depth, replace(seen, fit=DepthFit.GLOBAL)), fitted_map(depth, seen)
+    return fitted_map(depth, replace(anchors, fit=DepthFit.GLOBAL)), fitted_map(depth, anchors)
 
 
 def abs_rel(depth: DepthMap) -> float:
@@ -247,18 +247,18 @@ def test_map_follows_points_on_both_sides_of_an_edge(kind: DepthKind) -> None:
 
 def test_noise_of_points_is_not_copied() -> None:
     depth = DepthMap(mapped_m(), DepthKind.METRIC)
-    seen = points(600, noise=0.05)
-    followed = fitted_map(depth, seen)
-    at_points = followed.values[seen.y, seen.x] / scene_m()[seen.y, seen.x] - 1
+    anchors = points(600, noise=0.05)
+    followed = fitted_map(depth, anchors)
+    at_points = followed.values[anchors.y, anchors.x] / scene_m()[anchors.y, anchors.x] - 1
     assert np.abs(at_points).mean() < 0.7 * 0.04  # mean of the noise
 
 
 def test_depth_far_from_all_points_is_that_of_the_fit_and_missing_depth_stays_so() -> None:
     depth = DepthMap(mapped_m(), DepthKind.METRIC)
     depth.values[40:44, 5:9] = np.nan
-    seen = points(2000)
-    corner = (seen.x < 12) & (seen.y < 12)
-    some = KnownDepth(seen.x[corner], seen.y[corner], seen.depth_m[corner])
+    anchors = points(2000)
+    corner = (anchors.x < 12) & (anchors.y < 12)
+    some = KnownDepth(anchors.x[corner], anchors.y[corner], anchors.depth_m[corner])
     alone, followed = _both(depth, some)
     changed = np.abs(np.log(followed.values / alone.values))
     assert changed[:, 60:].max() < 0.02
@@ -293,14 +293,14 @@ def test_a_level_sums_points_as_a_plain_loop_does() -> None:
 
 def test_points_outside_are_left_out_and_counted() -> None:
     x, y = np.array([3, 10, 64, 30]), np.array([4, 10, 20, 40])
-    found = KnownDepth(x, y, np.full(4, 2.0)).within(WIDTH, HEIGHT)
-    assert found.x.tolist() == [3, 10, 30]
-    assert "1 of 4" in found.warnings[0]
+    inside = KnownDepth(x, y, np.full(4, 2.0)).within(WIDTH, HEIGHT)
+    assert inside.x.tolist() == [3, 10, 30]
+    assert "1 of 4" in inside.warnings[0]
     depth, warnings = fitted(
         DepthMap(mapped_m(), DepthKind.METRIC), KnownDepth(x, y, np.full(4, 2.0))
     )
     assert depth.provenance.anchor_fit.given == 4
-    assert warnings == found.warnings
+    assert warnings == inside.warnings
     with pytest.raises(UsageError, match="3 of 4"):
         KnownDepth(x + 60, y, np.full(4, 2.0)).within(WIDTH, HEIGHT)
 
@@ -308,8 +308,8 @@ def test_points_outside_are_left_out_and_counted() -> None:
 def test_known_depth_of_another_size_is_scaled() -> None:
     sparse = np.zeros((24, 32), np.float32)
     sparse[0, 0], sparse[23, 31] = 2.0, 3.0
-    found = KnownDepth.of_map(sparse).within(WIDTH, HEIGHT)
-    assert found.x.tolist() == [1, 63]
-    assert found.y.tolist() == [1, 47]
+    scaled = KnownDepth.of_map(sparse).within(WIDTH, HEIGHT)
+    assert scaled.x.tolist() == [1, 63]
+    assert scaled.y.tolist() == [1, 47]
     with pytest.raises(UsageError, match="aspect"):
         KnownDepth.of_map(sparse).within(WIDTH, WIDTH)

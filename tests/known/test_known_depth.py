@@ -56,11 +56,11 @@ def test_a_map_as_the_sensor_gives_it_is_turned_as_exif_turned_the_image(
     """nagadomi/nunif#27, panrafal/depthy#27, google-ar/arcore-android-sdk#1075."""
     depth_m = np.linspace(1, 3, shape[0] * shape[1], dtype=np.float32).reshape(shape)
     np.save(tmp_path / "a.npy", depth_m)
-    shown = upright(depth_m, orientation) if is_turned else depth_m
+    upright_m = upright(depth_m, orientation) if is_turned else depth_m
     points = read_known_depth(KnownDepthFiles(str(tmp_path / "a.npy")))
-    points = points.beside(shown.shape[::-1], orientation)
-    np.testing.assert_array_equal(shown[points.y, points.x], points.depth_m)
-    assert points.size_px == shown.shape[::-1]
+    points = points.beside(upright_m.shape[::-1], orientation)
+    np.testing.assert_array_equal(upright_m[points.y, points.x], points.depth_m)
+    assert points.size_px == upright_m.shape[::-1]
     assert (f"orientation {orientation}" in " ".join(points.warnings)) == is_told
 
 
@@ -90,7 +90,7 @@ def test_rows_of_a_table_without_depth_are_left_out_and_counted(tmp_path: Path) 
 def test_numbers_that_are_hardly_metres_are_a_warning(name: str, tmp_path: Path) -> None:
     """Of every source, as drivers of depth cameras give millimetres."""
     path = tmp_path / name
-    for unit, told in ((1, 0), (1000, 1)):
+    for unit, count in ((1, 0), (1000, 1)):
         if name == "a.csv":
             path.write_text(f"x,y,depth_m\n5,6,{2.5 * unit}\n7,8,{3 * unit}\n")
         elif name == "a.ply":
@@ -99,7 +99,7 @@ def test_numbers_that_are_hardly_metres_are_a_warning(name: str, tmp_path: Path)
             path.write_bytes(cloud.export(file_type="ply"))
         else:
             np.save(path, DEPTH_M * np.float32(unit))
-        assert len(read_known_depth(KnownDepthFiles(str(path), camera=CAMERA)).warnings) == told
+        assert len(read_known_depth(KnownDepthFiles(str(path), camera=CAMERA)).warnings) == count
     if name != "a.csv":
         assert not read_known_depth(KnownDepthFiles(str(path), 1000.0, camera=CAMERA)).warnings
 
@@ -175,21 +175,21 @@ POINTS = np.array([[0.0, 0, 2], [-1, 0.5, 4], [0.001, 0, 3], [0, 0, -2], [np.nan
 
 def test_points_are_projected_as_a_pinhole_of_known_pixels_does() -> None:
     """The nearest counts of two in a pixel; others are dropped and counted."""
-    found = clouds.projected(POINTS[:5], CAMERA)
+    points = clouds.projected(POINTS[:5], CAMERA)
     expected = [(round(31.5 + 50 * x / z), round(23.5 + 50 * y / z), z) for x, y, z in POINTS[:2]]
-    assert sorted(zip(found.x, found.y, found.depth_m, strict=True)) == sorted(expected)
-    assert found.size_px == (64, 48)
-    assert "2 of 5" in found.warnings[0]
+    assert sorted(zip(points.x, points.y, points.depth_m, strict=True)) == sorted(expected)
+    assert points.size_px == (64, 48)
+    assert "2 of 5" in points.warnings[0]
     with pytest.raises(InputError, match="focal length"):
         clouds.projected(POINTS, Intrinsics(hfov_deg=60))
 
 
 def test_most_points_of_a_cloud_may_be_outside_but_not_all() -> None:
     around = np.concatenate([POINTS[:2], *[POINTS[5:] * [n, 1, 1] for n in range(1, 9)]])
-    found = clouds.projected(around, CAMERA).within(128, 96)  # a larger image of the same view
-    assert sorted(found.depth_m) == [2, 4]
-    assert found.x.tolist() in ([63 + 2, 39], [39, 63 + 2])
-    assert "8 of 10" in found.warnings[0]
+    points = clouds.projected(around, CAMERA).within(128, 96)  # a larger image of the same view
+    assert sorted(points.depth_m) == [2, 4]
+    assert points.x.tolist() in ([63 + 2, 39], [39, 63 + 2])
+    assert "8 of 10" in points.warnings[0]
     with pytest.raises(UsageError, match="8 of 8"):
         clouds.projected(around[2:], CAMERA).within(64, 48)
 
@@ -308,12 +308,12 @@ def write_cloud(path: Path) -> None:
 @pytest.mark.parametrize("name", ["a.ply", "a.pcd", "compressed.pcd", "kitti.bin", "nu.pcd.bin"])
 def test_files_of_clouds_are_known_depth(name: str, tmp_path: Path) -> None:
     write_cloud(tmp_path / name)
-    stated = KnownDepthFiles(str(tmp_path / name), 2.0, camera=CAMERA)  # units per metre
-    found = read_known_depth(stated)
-    assert sorted(found.depth_m) == pytest.approx([1, 2])
+    files = KnownDepthFiles(str(tmp_path / name), 2.0, camera=CAMERA)  # units per metre
+    points = read_known_depth(files)
+    assert sorted(points.depth_m) == pytest.approx([1, 2])
     (tmp_path / name).write_bytes(b"no cloud")
     with pytest.raises(InputError, match="not a point cloud"):
-        read_file(tmp_path / name, stated)
+        read_file(tmp_path / name, files)
 
 
 QUATERNION, SHIFT = (0.5**0.5, 0.0, 0.5**0.5, 0.0), (0.1, -0.2, 2.0)  # a quarter turn about y
@@ -323,10 +323,10 @@ SEEN = [(32.2, 20.9, 7), (0.0, 47.6, 9), (10.0, 10.0, 11), (5.0, 5.0, -1)]
 
 
 def write_text(folder: Path) -> None:
-    seen = " ".join(f"{x} {y} {point}" for x, y, point in SEEN)
+    rows = " ".join(f"{x} {y} {point}" for x, y, point in SEEN)
     pose = " ".join(map(str, (*QUATERNION, *SHIFT)))
     (folder / "cameras.txt").write_text("# cameras\n2 PINHOLE 64 48 50 50 32 24\n")
-    images = f"# images\n1 {pose} 2 empty.jpg\n\n4 {pose} 2 hall/my room.jpg\n{seen}\n"
+    images = f"# images\n1 {pose} 2 empty.jpg\n\n4 {pose} 2 hall/my room.jpg\n{rows}\n"
     (folder / "images.txt").write_text(images)
     points = "".join(f"{k} {x} {y} {z} 9 9 9 0.5 4 0\n" for k, (x, y, z) in WORLD.items())
     (folder / "points3D.txt").write_text(f"# points\n{points}")
@@ -337,9 +337,9 @@ def write_binary(folder: Path) -> None:
     camera = struct.pack("<QiiQQ4d", 1, 2, 1, 64, 48, 50, 50, 32, 24)
     (folder / "cameras.bin").write_bytes(camera)
     images = struct.pack("<Q", 2)
-    for number, name, seen in ((1, b"empty.jpg", []), (4, b"hall/my room.jpg", SEEN)):
+    for number, name, rows in ((1, b"empty.jpg", []), (4, b"hall/my room.jpg", SEEN)):
         images += struct.pack("<I7dI", number, *QUATERNION, *SHIFT, 2) + name + b"\0"
-        images += struct.pack("<Q", len(seen)) + b"".join(struct.pack("<2dq", *s) for s in seen)
+        images += struct.pack("<Q", len(rows)) + b"".join(struct.pack("<2dq", *s) for s in rows)
     (folder / "images.bin").write_bytes(images)
     points = struct.pack("<Q", len(WORLD))
     for number, place in WORLD.items():
@@ -350,23 +350,23 @@ def write_binary(folder: Path) -> None:
 @pytest.mark.parametrize("write", [write_text, write_binary])
 def test_a_reconstruction_has_known_depth_of_its_images(write, tmp_path: Path) -> None:  # noqa: ANN001
     write(tmp_path)
-    stated = KnownDepthFiles(str(tmp_path))
-    assert stated.is_by_image
+    files = KnownDepthFiles(str(tmp_path))
+    assert files.is_by_image
     image = write_image(tmp_path / "data/hall/my room.jpg")
-    found = read_known_depth(stated, image)
+    points = read_known_depth(files, image)
     # A quarter turn about y: z of the camera is -x of the world, and 2.
-    assert dict(zip(found.x.tolist(), found.depth_m.tolist(), strict=True)) == pytest.approx(
+    assert dict(zip(points.x.tolist(), points.depth_m.tolist(), strict=True)) == pytest.approx(
         {32: 1, 0: 3}
     )
-    assert found.y.tolist() == [20, 47]
-    assert found.size_px == (64, 48)
-    assert len(found.warnings) == 2  # its unit, and a point behind the camera
+    assert points.y.tolist() == [20, 47]
+    assert points.size_px == (64, 48)
+    assert len(points.warnings) == 2  # its unit, and a point behind the camera
     in_metres = read_known_depth(KnownDepthFiles(str(tmp_path), scale=2.0), image)
-    np.testing.assert_allclose(in_metres.depth_m, found.depth_m / 2)
+    np.testing.assert_allclose(in_metres.depth_m, points.depth_m / 2)
     for name in ("empty.jpg", "room.jpg"):
         with pytest.raises(InputError):
-            read_known_depth(stated, Path(name))
-    assert found.within(128, 96).x.tolist() == [65, 1]
+            read_known_depth(files, Path(name))
+    assert points.within(128, 96).x.tolist() == [65, 1]
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -379,9 +379,9 @@ def test_points_of_a_reconstruction_are_on_the_upright_image(
     stored[16:24, 32:40] = stored[40:, :8] = 255  # around the points
     path = write_image(tmp_path / "hall/my room.jpg")
     Image.fromarray(stored).save(path, exif=made.exif(orientation))
-    found, pixels = read_known_depth(KnownDepthFiles(str(tmp_path)), path), read_image(path).pixels
-    assert found.size_px == pixels.shape[::-1]
-    assert (pixels[found.y, found.x] > 200).all()
+    points, pixels = read_known_depth(KnownDepthFiles(str(tmp_path)), path), read_image(path).pixels
+    assert points.size_px == pixels.shape[::-1]
+    assert (pixels[points.y, points.x] > 200).all()
 
 
 SHADES = np.arange(256, dtype=np.uint8).reshape(16, 16)

@@ -18,8 +18,8 @@ def test_a_field_is_resized_and_read_linearly_and_ends_with_the_last_node() -> N
     np.testing.assert_allclose(resized[..., 1], 0.75 * field[..., 1] + 0.25 * field[..., 2], 1e-5)
     np.testing.assert_array_equal(resized[..., -1], field[..., 2])
     for place, expected in (0, field[..., 0]), (1.25, resized[..., 1]), (99, field[..., 2]):
-        found = _sliced(field, np.full((4, 5), place, np.float32))
-        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
+        sliced = _sliced(field, np.full((4, 5), place, np.float32))
+        np.testing.assert_allclose(sliced, expected, rtol=1e-5, atol=1e-6)
 
 
 def test_correction_is_that_of_the_constants_that_were_measured() -> None:
@@ -37,14 +37,14 @@ def test_correction_is_that_of_the_constants_that_were_measured() -> None:
     log_m = np.log(depth_m)
     at = np.stack([(y + 0.5) / HEIGHT, (x + 0.5) / WIDTH, log_m[y, x]])
     followed = random.random(150) < 0.9
-    found = log_correction(log_m, at, np.exp(log_ratio + at[2]), followed)
-    assert (found.shape, found.dtype) == ((HEIGHT, WIDTH), np.float32)
-    np.testing.assert_array_equal(np.isnan(found), np.isnan(depth_m))
+    correction = log_correction(log_m, at, np.exp(log_ratio + at[2]), followed)
+    assert (correction.shape, correction.dtype) == ((HEIGHT, WIDTH), np.float32)
+    np.testing.assert_array_equal(np.isnan(correction), np.isnan(depth_m))
     assert (followed[:15].sum(), followed.sum()) == (0, 133)
     places = [14, 14, 2, 28, 25], [12, 23, 5, 37, 20]
     expected = [0.3081693, 0.2966714, 0.0195900, 0.0893996, 0.0509538]
-    assert found[places] == pytest.approx(expected, rel=2e-4)
-    spread = np.nanmean(found, dtype=float), np.nanstd(found, dtype=float)
+    assert correction[places] == pytest.approx(expected, rel=2e-4)
+    spread = np.nanmean(correction, dtype=float), np.nanstd(correction, dtype=float)
     assert spread == pytest.approx((0.08698681, 0.09480745), rel=2e-5)
 
 

@@ -36,11 +36,11 @@ def test_a_damaged_frame_is_never_taken_for_depth(count: int, damaged: int, tmp_
     path = tmp_path / "a.mkv"
     write_depth_video(path, (random_steps(count) / 1000).astype(np.float32))
     damage_frames(path, damaged)
-    found: list[Any] = []
+    decoded: list[Any] = []
     with pytest.raises(InputError):
-        found.extend(DepthVideo(path).steps())
-    assert len(found) == damaged
-    for steps, expected in zip(found, random_steps(count), strict=False):
+        decoded.extend(DepthVideo(path).steps())
+    assert len(decoded) == damaged
+    for steps, expected in zip(decoded, random_steps(count), strict=False):
         np.testing.assert_array_equal(steps, expected)
     if count == 1:
         with pytest.raises(InputError):
@@ -62,8 +62,8 @@ def test_frames_after_a_damaged_one_are_left_out_up_to_the_keyframe(tmp_path: Pa
 @pytest.mark.parametrize("options", [{"slicecrc": "0", "level": "3"}, {"level": "1"}])
 def test_ffv1_without_checksums_is_read(options: dict[str, str], tmp_path: Path) -> None:
     path = write_other(tmp_path / "a.mkv", 20, **options)
-    found = list(DepthVideo(path).steps())
-    np.testing.assert_array_equal(found, random_steps(20))
+    decoded = list(DepthVideo(path).steps())
+    np.testing.assert_array_equal(decoded, random_steps(20))
 
 
 @pytest.mark.parametrize("codec", ["mpeg2video", "libx264"])
@@ -85,8 +85,8 @@ def test_lost_packets_of_a_transport_stream_are_no_missing_end(
             assert times == [frame.index for frame in frames]
             assert (len(times), times[-1]) == (60 - len(set(range(60)) - set(times)), 59)
             missing = 60 - len(times)
-            told = f"it is damaged: {missing} frames cannot be decoded" if missing else None
-            assert source.problem == told
+            problem = f"it is damaged: {missing} frames cannot be decoded" if missing else None
+            assert source.problem == problem
 
 
 @pytest.mark.parametrize("codec", ["mpeg2video", "libx264"])

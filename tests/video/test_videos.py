@@ -79,10 +79,10 @@ def test_uneven_times_of_a_video_are_read(tmp_path: Path) -> None:
     times_s = [0, 0.033, 0.067, 0.2, 0.233, 1.5]
     write_mp4(tmp_path / "a.mp4", flat_frames(range(6)), times_s=times_s)
     with VideoSource(tmp_path / "a.mp4") as source:
-        found = [frame.timestamp_s for frame in source.frames()]
+        timestamps_s = [frame.timestamp_s for frame in source.frames()]
         with pytest.raises(UsageError):
             next(source.frames())
-    assert found == pytest.approx(times_s, abs=0.0012)
+    assert timestamps_s == pytest.approx(times_s, abs=0.0012)
 
 
 def test_depth_out_of_range_saturates_with_a_warning(tmp_path: Path) -> None:
@@ -304,8 +304,8 @@ def test_colours_follow_the_files_own_matrix(colours: str, tmp_path: Path) -> No
     frame[:] = (200, 40, 90)
     path = encode(tmp_path / "a.mkv", [frame], NTSC, "ffv1", "yuv444p", colours=colours)
     with VideoSource(path) as source:
-        found = next(source.frames()).pixels[5, 5]
-    np.testing.assert_allclose(found, (200, 40, 90), atol=2)
+        colour = next(source.frames()).pixels[5, 5]
+    np.testing.assert_allclose(colour, (200, 40, 90), atol=2)
 
 
 def test_a_gap_in_matroska_is_noticed(tmp_path: Path) -> None:
@@ -344,11 +344,11 @@ def test_previews_of_every_codec(
     assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
     assert capfd.readouterr() == ("", "")
     with av.open(str(path)) as container:
-        told, stream = container.metadata, container.streams.video[0]
+        metadata, stream = container.metadata, container.streams.video[0]
         context = stream.codec_context
         assert (context.codec.canonical_name, context.pix_fmt) == (codec.value, pixel_format)
         assert stream.average_rate == NTSC
-    assert told.get("comment", told.get("COMMENT")) == f"written by depthcli {__version__}"
+    assert metadata.get("comment", metadata.get("COMMENT")) == f"written by depthcli {__version__}"
     assert is_own(path)
     with pytest.raises(InputError, match="written by depthcli"):
         open_frames(path)
@@ -357,9 +357,9 @@ def test_previews_of_every_codec(
         assert source.problem is None
     assert [f.timestamp_s for f in frames] == [float(i / NTSC) for i in range(12)]
     expected = PreviewWriter().render(shot(values).depth, None, (0.0, 1.0))
-    shown = frames[0].pixels_8bit()
-    assert shown.shape == (50, 64, 3)
-    assert np.abs(shown[:49].astype(int) - expected).mean() < 8
+    preview = frames[0].pixels_8bit()
+    assert preview.shape == (50, 64, 3)
+    assert np.abs(preview[:49].astype(int) - expected).mean() < 8
 
 
 def test_a_long_preview_can_be_played_while_it_is_loaded_and_is_recognized(tmp_path: Path) -> None:
