@@ -68,8 +68,8 @@ def test_the_folders_in_a_folder_are_there(half: tuple[str, str]) -> None:
 
 @pytest.mark.parametrize(("file", "names"), sorted(set(FILE.findall(PAGE))))
 def test_functions_named_in_the_architecture_exist(file: str, names: str) -> None:
-    known = defined(PACKAGE / file)
-    assert set(re.findall(r"`([\w.]+)`", names)) <= known
+    functions = defined(PACKAGE / file)
+    assert set(re.findall(r"`([\w.]+)`", names)) <= functions
 
 
 def test_diagram_has_the_imports_between_folders(half: tuple[str, str]) -> None:
@@ -83,7 +83,7 @@ def test_diagram_has_the_imports_between_folders(half: tuple[str, str]) -> None:
         if name.startswith(f"{package}.") and used.startswith(f"{package}.")
     }
     folders = below(package) - {"_version"}
-    imports = {(one, other) for one, other in pairs if one != other and {one, other} <= folders}
+    imports = {(pair, other) for pair, other in pairs if pair != other and {pair, other} <= folders}
     arrows = set(re.findall(r"^ +(\w+)(?:\[.+?\])? --> (\w+)", page, re.MULTILINE))
     ways = set(arrows)
     while longer := {(a, d) for a, b in ways for c, d in arrows if b == c} - ways:

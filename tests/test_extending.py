@@ -52,8 +52,8 @@ class Extended(NamedTuple):
         """The losses of each epoch."""
         (self.folder / "tiny.toml").write_text(TINY)
         words = ("train", method, "--data", data, "--config", "tiny.toml", "--out", f"{data}-run")
-        told = self.run("-m", "depthcli", *words, "--threads", "1", "--json", *more)
-        return [json.loads(line)["losses"] for line in told.splitlines()]
+        output = self.run("-m", "depthcli", *words, "--threads", "1", "--json", *more)
+        return [json.loads(line)["losses"] for line in output.splitlines()]
 
 
 @pytest.fixture(scope="module")
@@ -87,8 +87,8 @@ def test_an_output_format(extended: Extended) -> None:
         for i in range(2):
             written = np.loadtxt(folder / f"{place}.depth.{i:06d}.asc", np.float32, skiprows=6)
             np.testing.assert_array_equal(written, np.load(folder / f"{place}.depth.{i:06d}.npy"))
-    told = json.loads(extended.run("-m", "depthcli", "info", "out/room.depth.asc", "--json"))
-    assert (told["width"], told["max"]) == (640, pytest.approx(float(depth.max())))
+    facts = json.loads(extended.run("-m", "depthcli", "info", "out/room.depth.asc", "--json"))
+    assert (facts["width"], facts["max"]) == (640, pytest.approx(float(depth.max())))
     extended.run("-m", "depthcli", "convert", "out/room.depth.asc", "out/back.npy")
     np.testing.assert_array_equal(np.load(folder / "out" / "back.npy"), depth)
 
@@ -140,15 +140,15 @@ def test_transcript_of_a_method_and_a_loss_from_outside(extended: Extended) -> N
     (folder / "tiny.toml").write_text(TINY)
     commands = re.findall(r"^depthcli (.+)$", section, re.MULTILINE)
     assert [line.split()[0] for line in commands] == ["train", "export-onnx", *["eval"] * 3]
-    told = ""
+    output = ""
     for line in commands:
         words, _, file = line.partition(" >")
         settings = ["--config", "tiny.toml", "--threads", "1"] if "train" in words else []
-        told = extended.run("-m", "depthcli", *words.split(), *settings)
+        output = extended.run("-m", "depthcli", *words.split(), *settings)
         if file:
-            (folder / file).write_text(told)
-    assert "mine-model/ (mine) minus each row" in told
-    (header,) = (line for line in told.splitlines() if line.startswith("minus"))
+            (folder / file).write_text(output)
+    assert "mine-model/ (mine) minus each row" in output
+    (header,) = (line for line in output.splitlines() if line.startswith("minus"))
     assert header.split()[-1] == "within_5cm"
     (row,) = json.loads((folder / "mine.json").read_text())["rows"]
     values = [image["within_5cm"] for image in row["per_image"]]
@@ -161,13 +161,13 @@ def test_transcript_of_a_method_and_a_loss_from_outside(extended: Extended) -> N
 
 
 def test_a_data_set(extended: Extended) -> None:
-    made, folder = rooms(), extended.folder / "desk"
+    room_set, folder = rooms(), extended.folder / "desk"
     folder.mkdir()
-    np.savez(folder / "scene.npz", images=made.images, depths_m=made.depths_m)
+    np.savez(folder / "scene.npz", images=room_set.images, depths_m=room_set.depths_m)
     assert extended.train("proposed", "desk", "--preset", "bundled")
     code = "from depthcli.lab.training.checkpoint import Checkpoint; from pathlib import Path; "
     code += "print(Checkpoint.load(Path('desk-run/last.ckpt')).provenance.hfov_deg)"
     assert float(extended.run("-c", code)) == 62.7
     assert "abs_rel" in extended.run("compare.py")
-    shown = extended.run("-m", "depthcli", "eval", "pairs", "desk", "--limit", "2")
-    assert shown.startswith(f"desk · all pairs, 2 of {len(made)} images")
+    output = extended.run("-m", "depthcli", "eval", "pairs", "desk", "--limit", "2")
+    assert output.startswith(f"desk · all pairs, 2 of {len(room_set)} images")

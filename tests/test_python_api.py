@@ -47,7 +47,7 @@ def metric(values: list[list[float]], **known: Any) -> depthcli.DepthMap:
 def test_ways_to_give_an_image_give_one_depth(model: depthcli.DepthModel, tmp_path: Path) -> None:
     path = write_image(tmp_path / "room.png")
     data = path.read_bytes()
-    wanted = model.predict(depthcli.read_image(path)).values
+    expected = model.predict(depthcli.read_image(path)).values
     with Image.open(path) as opened:
         ways: list[Any] = [
             path,
@@ -66,11 +66,11 @@ def test_ways_to_give_an_image_give_one_depth(model: depthcli.DepthModel, tmp_pa
             Image.fromarray(PIXELS).convert("RGBA"),
         ]
         for way in ways:
-            np.testing.assert_array_equal(model.predict(way).values, wanted)
+            np.testing.assert_array_equal(model.predict(way).values, expected)
     floats = [model.predict((PIXELS / 255).astype(kind)).values for kind in ("f4", "f8")]
     np.testing.assert_array_equal(*floats)
     (streamed,) = model.predict_many([BytesIO(data)])
-    np.testing.assert_array_equal(streamed.values, wanted)
+    np.testing.assert_array_equal(streamed.values, expected)
 
 
 def test_a_path_is_never_fetched(model: depthcli.DepthModel) -> None:
@@ -84,17 +84,17 @@ def test_white_can_be_below_the_maximum(model: depthcli.DepthModel, tmp_path: Pa
     low = np.random.default_rng(0).integers(0, 1024, (48, 64), np.uint16)
     path = tmp_path / "a.png"
     Image.fromarray(low).save(path)
-    wanted = model.predict(np.rint(low * (65535 / 1023)).astype(np.uint16))
+    expected = model.predict(np.rint(low * (65535 / 1023)).astype(np.uint16))
     ways: list[Any] = [path, path.read_bytes(), low, Image.fromarray(low)]
     for way in ways:
-        found = model.predict(way, white_level=1023)
-        np.testing.assert_array_equal(found.values, wanted.values)
-    for found in model.predict_many(ways, white_level=1023):
-        np.testing.assert_array_equal(found.values, wanted.values)
+        scaled = model.predict(way, white_level=1023)
+        np.testing.assert_array_equal(scaled.values, expected.values)
+    for scaled in model.predict_many(ways, white_level=1023):
+        np.testing.assert_array_equal(scaled.values, expected.values)
     gray = np.asarray(low // 4, np.uint8)
     assert (model.predict(gray, white_level=9).values == model.predict(gray).values).all()
     read = depthcli.read_image(path, white_level=1023)
-    np.testing.assert_array_equal(model.predict(read).values, wanted.values)
+    np.testing.assert_array_equal(model.predict(read).values, expected.values)
     with pytest.raises(depthcli.UsageError):
         model.predict(read, white_level=1023)
     for use in (model.predict, model.predict_many):
@@ -108,13 +108,13 @@ def test_warnings_are_issued_at_the_caller(model: depthcli.DepthModel, tmp_path:
     Image.fromarray(dark).save(path)
     advice = "of 65535.*white_level"
     for way in (path, dark):
-        with pytest.warns(depthcli.DepthcliWarning, match=advice) as told:
+        with pytest.warns(depthcli.DepthcliWarning, match=advice) as caught:
             model.predict(way)
-        assert [one.filename for one in told] == [__file__]
-    with pytest.warns(depthcli.DepthcliWarning, match=advice) as told:
+        assert [warning.filename for warning in caught] == [__file__]
+    with pytest.warns(depthcli.DepthcliWarning, match=advice) as caught:
         list(model.predict_many([path, dark], workers=2))
-    assert [str(one.message).partition(":")[0] for one in told] == [str(path), "an image"]
-    assert {one.filename for one in told} == {__file__}
+    assert [str(warning.message).partition(":")[0] for warning in caught] == [str(path), "an image"]
+    assert {warning.filename for warning in caught} == {__file__}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         model.predict(dark, white_level=999)
@@ -123,9 +123,9 @@ def test_warnings_are_issued_at_the_caller(model: depthcli.DepthModel, tmp_path:
 def test_a_focal_length_that_scales_nothing_is_a_warning(tmp_path: Path) -> None:
     plain = depthcli.load_model(write_model(tmp_path / "plain"), provider="cpu", threads=1)
     for use in (plain.predict, lambda one, **options: next(plain.predict_many([one], **options))):
-        with pytest.warns(depthcli.DepthcliWarning, match="does not scale depth") as told:
+        with pytest.warns(depthcli.DepthcliWarning, match="does not scale depth") as caught:
             found = use(PIXELS, focal_px=80)
-        assert [one.filename for one in told] == [__file__]
+        assert [one.filename for one in caught] == [__file__]
         assert found.to_points().xyz_m.shape == (48 * 64, 3)
         assert found.focal_px == 80
     plain.predict(PIXELS, focal_px=80, anchors=[(3, 4, 2.0)])
@@ -248,17 +248,17 @@ def test_damage_of_a_video_is_a_warning(tmp_path: Path) -> None:
             assert len(list(video.frames())) == 20
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with depthcli.VideoSource(path) as video:
-        with pytest.warns(depthcli.DepthcliWarning, match=r"walk\.mkv: it is truncated") as told:
+        with pytest.warns(depthcli.DepthcliWarning, match=r"walk\.mkv: it is truncated") as caught:
             assert len(list(video.frames())) < 20
-        assert [one.filename for one in told] == [__file__]
+        assert [warning.filename for warning in caught] == [__file__]
         with pytest.raises(depthcli.UsageError):
             next(video.frames())
     bright = encode(
         tmp_path / "hdr.mkv", [PIXELS] * 2, Fraction(25), "ffv1", "yuv420p", transfer=16
     )
-    with pytest.warns(depthcli.DepthcliWarning, match=r"hdr\.mkv: .*high dynamic range") as told:
+    with pytest.warns(depthcli.DepthcliWarning, match=r"hdr\.mkv: .*high dynamic range") as caught:
         depthcli.VideoSource(bright).close()
-    assert [one.filename for one in told] == [__file__]
+    assert [warning.filename for warning in caught] == [__file__]
 
 
 @pytest.mark.parametrize(("scale", "limit"), [(4000, 10), (-4000, 0.5)])
@@ -267,10 +267,10 @@ def test_a_model_in_another_unit_gives_a_warning(
 ) -> None:
     changed = write_model(tmp_path / "mm", output__scale=scale, output__shift=1.25 * scale)
     millimetres = depthcli.load_model(changed, provider="cpu")
-    told = f"100% of the pixels are at {limit:g} m, an end of the range of the model"
-    with pytest.warns(depthcli.DepthcliWarning, match=told):
+    advice = f"100% of the pixels are at {limit:g} m, an end of the range of the model"
+    with pytest.warns(depthcli.DepthcliWarning, match=advice):
         millimetres.predict(PIXELS)
-    with pytest.warns(depthcli.DepthcliWarning, match=told):
+    with pytest.warns(depthcli.DepthcliWarning, match=advice):
         list(millimetres.predict_many([PIXELS]))
 
 
@@ -376,9 +376,9 @@ def test_each_image_of_a_stream_has_its_own_anchors(
 def test_pixels_that_a_fit_erases_give_a_warning() -> None:
     values = np.float32([[math.nan, 1, 2, 3]])
     relative = depthcli.DepthMap(values, depthcli.DepthKind.RELATIVE)
-    with pytest.warns(depthcli.DepthcliWarning, match=r"^1 pixels \(25 %\) are at or") as told:
+    with pytest.warns(depthcli.DepthcliWarning, match=r"^1 pixels \(25 %\) are at or") as caught:
         depth = relative.fit_anchors([(2, 0, 1.0), (3, 0, 4.0)])
-    assert told[0].filename == __file__
+    assert caught[0].filename == __file__
     np.testing.assert_allclose(depth.values, [[math.nan, math.nan, 1, 4]], rtol=1e-6)
 
 
@@ -440,10 +440,10 @@ def test_points_need_metres_and_a_camera() -> None:
 @pytest.mark.parametrize("name", ["a.png", "a.exr", "a.npy", "A.EXR"])
 def test_saved_map_is_read_back(name: str, depth: depthcli.DepthMap, tmp_path: Path) -> None:
     depth.save(tmp_path / "new" / name)
-    found = depthcli.read_depth(str(tmp_path / "new" / name))
-    assert found.values == pytest.approx(depth.values, abs=0.0005)
+    read_back = depthcli.read_depth(str(tmp_path / "new" / name))
+    assert read_back.values == pytest.approx(depth.values, abs=0.0005)
     if not name.endswith("npy"):
-        assert (found.model, found.focal_px) == ("tiny", 80)
+        assert (read_back.model, read_back.focal_px) == ("tiny", 80)
 
 
 def points_of(path: Path) -> bytes:
@@ -482,15 +482,15 @@ def test_options_of_a_file(depth: depthcli.DepthMap, tmp_path: Path) -> None:
     assert len(clouds[0]) == len(clouds[1])
     assert clouds[0] != clouds[1]
     depth.save(tmp_path / "e.png", centre_px=(0.0, 0.0))
-    found = depthcli.read_depth(tmp_path / "e.png")
-    assert (found.centre_px, depth.centre_px) == ((0, 0), None)
+    again = depthcli.read_depth(tmp_path / "e.png")
+    assert (again.centre_px, depth.centre_px) == ((0, 0), None)
     np.testing.assert_array_equal(
-        found.to_points(focal_px=9).xyz_m, found.to_points(focal_px=9, centre_px=(0, 0)).xyz_m
+        again.to_points(focal_px=9).xyz_m, again.to_points(focal_px=9, centre_px=(0, 0)).xyz_m
     )
     for name in ("f.png", "f.exr"):
         depth.save(tmp_path / name, hfov_deg=90)
-        found = depthcli.read_depth(tmp_path / name)
-        assert (found.focal_px, found.camera_source) == (depth.width / 2, "option")
+        again = depthcli.read_depth(tmp_path / name)
+        assert (again.focal_px, again.camera_source) == (depth.width / 2, "option")
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # nothing is assumed
         depth.save(tmp_path / "f.ply", focal_px=9)

@@ -108,9 +108,9 @@ def _platform() -> str:
     """What floating-point sums are rounded by: processor, instructions and libraries."""
     info = Path("/proc/cpuinfo")
     words = set(info.read_text().split()) if info.is_file() else set()
-    known = words & {"GenuineIntel", "AuthenticAMD", "avx2", "avx512f", "avx512_vnni", "amx_int8"}
+    flags = words & {"GenuineIntel", "AuthenticAMD", "avx2", "avx512f", "avx512_vnni", "amx_int8"}
     libraries = [f"{name} {version(name)}" for name in ("onnxruntime", "numpy")]
-    return ", ".join([platform.machine(), *sorted(known), *libraries, f"OpenCV {cv2.__version__}"])
+    return ", ".join([platform.machine(), *sorted(flags), *libraries, f"OpenCV {cv2.__version__}"])
 
 
 def test_gives_the_bytes_that_it_gave_on_the_same_platform(model: str) -> None:
@@ -157,19 +157,19 @@ def test_sees_the_rendered_room(model: str) -> None:
 
 def test_readme_states_how_far_its_room_is_off() -> None:
     text = " ".join((ROOT / "README.md").read_text().split())
-    said = re.search(
+    match = re.search(
         r"true median depth is ([\d.]+) m: the model estimates ([\d.]+) m, and ([\d.]+) m with two "
         r"known distances \(`--anchor (\S+) --anchor (\S+)`\)",
         text,
     )
-    assert said
+    assert match
     depth, true_m = _depth("default"), _true_m()
-    words = [said[i].split(",") for i in (4, 5)]
+    words = [match[i].split(",") for i in (4, 5)]
     points = [Anchor(int(x), int(y), float(depth_m)) for x, y, depth_m in words]
     fitted = depthcli.load_model(provider="cpu").predict(ROOT / "docs/room.jpg", anchors=points)
     assert fitted.model == "prompted"  # as of the command
     found_m = [np.median(true_m), np.median(depth.values), np.median(fitted.values)]
-    assert found_m == pytest.approx([float(said[i]) for i in (1, 2, 3)], abs=0.03)
+    assert found_m == pytest.approx([float(match[i]) for i in (1, 2, 3)], abs=0.03)
     for point in points:
         assert true_m[point.y, point.x] == pytest.approx(point.depth_m, abs=0.01)
 

@@ -26,11 +26,11 @@ def sparse_twice(cli: Cli, name: str) -> np.ndarray:
 
 def points(cli: Cli, *names: str) -> Path:
     """Tables of one point each, in the folder ``known``."""
-    known = cli.folder / "known"
+    folder = cli.folder / "known"
     for name in names:
-        (known / name).parent.mkdir(parents=True, exist_ok=True)
-        (known / f"{name}.csv").write_text("x,y,depth_m\n5,4,2\n")
-    return known
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / f"{name}.csv").write_text("x,y,depth_m\n5,4,2\n")
+    return folder
 
 
 @pytest.mark.parametrize("kind", ["metric", "relative", "inverse"])
@@ -47,14 +47,14 @@ def test_a_sparse_map_scales_an_image(inside: Cli, kind: str) -> None:
     words = ("--anchors", "lidar.npy", "--model", "one", "-o", "d.npy", "--overwrite")
     done = inside("predict", "room.png", *words, "--json", code=0)
     np.testing.assert_allclose(np.load(inside.folder / "d.npy"), known_m, rtol=1e-4)
-    found = json.loads(done.stdout)
-    wrong, given = np.count_nonzero(sparse_m == 90), np.count_nonzero(sparse_m)
-    assert found["unit"] == "m"
-    residual_m = found["anchors"].pop("residual_m")
+    facts = json.loads(done.stdout)
+    wrong, count = np.count_nonzero(sparse_m == 90), np.count_nonzero(sparse_m)
+    assert facts["unit"] == "m"
+    residual_m = facts["anchors"].pop("residual_m")
     assert residual_m == pytest.approx(0, abs=1e-3)
-    assert found["anchors"] == {"given": given, "used": given - wrong, "fit": "local"}
+    assert facts["anchors"] == {"given": count, "used": count - wrong, "fit": "local"}
     done = inside("predict", "room.png", *words)
-    assert f"depth fitted to {given - wrong} of {given} anchors, median error 0.000 m" in (
+    assert f"depth fitted to {count - wrong} of {count} anchors, median error 0.000 m" in (
         done.stdout.decode()
     )
 
@@ -71,8 +71,8 @@ def test_two_points_are_taken_by_a_bundled_network(inside: Cli) -> None:
     (alone,) = printed(inside("predict", "in/a.png", "-o", "x/", *words, "points.csv", **bundled))
     assert (alone["model"], alone["anchors"]["fit"]) == ("prompted", "network")
     assert inside("batch", "in", "-o", "y", *words, "known", **bundled).returncode == 0
-    (made,) = rows(inside, "y").values()
-    assert (made["anchors"]["fit"], made["anchors"]["model"]) == ("network", "prompted")
+    (row,) = rows(inside, "y").values()
+    assert (row["anchors"]["fit"], row["anchors"]["model"]) == ("network", "prompted")
     depth_m = (inside.folder / "x/a.depth.npy").read_bytes()
     assert (inside.folder / "y/a.depth.npy").read_bytes() == depth_m
     local = ("-o", "z/", "--anchors-fit", "local", *words)
@@ -103,10 +103,10 @@ def test_points_of_one_image_for_several_are_a_warning_that_names_batch(inside: 
         write_image(inside.folder / name)
     points(inside, "a")
     words = ("--format", "npy", "-o", "out/")
-    for known in (("--anchors", "known/a.csv"), ("--anchor", "5,4,2")):
-        assert inside("predict", "a.jpg", *known, *words, code=0).stderr == b""
-        told = inside("predict", "a.jpg", "b.jpg", *known, *words, code=0).stderr
-        assert (told.count(b"warning"), told.count(b"'depthcli batch'")) == (1, 1)
+    for anchors in (("--anchors", "known/a.csv"), ("--anchor", "5,4,2")):
+        assert inside("predict", "a.jpg", *anchors, *words, code=0).stderr == b""
+        stderr = inside("predict", "a.jpg", "b.jpg", *anchors, *words, code=0).stderr
+        assert (stderr.count(b"warning"), stderr.count(b"'depthcli batch'")) == (1, 1)
     refused = inside("predict", "a.jpg", "b.jpg", "--anchors", "known", *words, code=2)
     assert b"'depthcli batch'" in refused.stderr
 
@@ -120,72 +120,72 @@ def test_an_assumed_scale_is_a_warning(inside: Cli) -> None:
     write_image(inside.folder / "room.png")
     write_image(inside.folder / "kitti.png", steps)
     words = ("predict", "room.png", "--anchors", "kitti.png", "-o", "d.npy", "--overwrite")
-    (told,) = printed(inside(*words, "--json"))
-    assert told["warnings"] == [assumed]
-    assert told["median"] == pytest.approx(0.512, rel=1e-3)
+    (facts,) = printed(inside(*words, "--json"))
+    assert facts["warnings"] == [assumed]
+    assert facts["median"] == pytest.approx(0.512, rel=1e-3)
     assert inside(*words).stderr.decode() == f"depthcli: warning: room.png: {assumed}\n"
-    (told,) = printed(inside(*words, "--anchors-scale", "256", "--json"))
-    assert (told["warnings"], told["median"]) == ([], pytest.approx(2, rel=1e-3))
+    (facts,) = printed(inside(*words, "--anchors-scale", "256", "--json"))
+    assert (facts["warnings"], facts["median"]) == ([], pytest.approx(2, rel=1e-3))
     assert inside("convert", "d.npy", "stated.png", "--png-scale", "256").returncode == 0
-    (told,) = printed(
+    (facts,) = printed(
         inside("predict", "room.png", "--anchors", "stated.png", "-o", "a.npy", "--json")
     )
-    assert told["warnings"] == []
+    assert facts["warnings"] == []
 
 
 def test_a_batch_has_a_file_for_each_image(inside: Cli) -> None:
     tree(inside, "a.png", "hall/b.jpg", "c.png")
-    known = points(inside, "hall/b")
-    np.save(known / "a.npy", sparse_twice(inside, "in/a.png"))
+    folder = points(inside, "hall/b")
+    np.save(folder / "a.npy", sparse_twice(inside, "in/a.png"))
     batch = ("batch", "in", "--out", "out", "--anchors", "known")
     done = inside(*batch, code=1)
     assert "c.png: " in done.stderr.decode()
-    found = rows(inside, "out")
-    assert {name: row["status"] for name, row in found.items()} == {
+    by_name = rows(inside, "out")
+    assert {name: row["status"] for name, row in by_name.items()} == {
         "a.png": "ok", "c.png": "failed", "hall/b.jpg": "ok",
     }  # fmt: skip
-    assert found["a.png"]["anchors"]["used"] < found["a.png"]["anchors"]["given"]
-    assert found["hall/b.jpg"]["anchors"]["used"] == 1
-    assert found["c.png"]["anchors"] is None
+    assert by_name["a.png"]["anchors"]["used"] < by_name["a.png"]["anchors"]["given"]
+    assert by_name["hall/b.jpg"]["anchors"]["used"] == 1
+    assert by_name["c.png"]["anchors"] is None
 
 
 def test_known_depth_of_two_images_of_one_stem_is_used_for_none(inside: Cli) -> None:
     tree(inside, "a.png", "a.jpg", "b.png", "hall/a.png")
     (inside.folder / "in/b.mp4").write_bytes(b"film")  # is fitted to nothing
-    known = points(inside, "a", "b", "hall/a")
+    place = points(inside, "a", "b", "hall/a")
     batch = ("batch", "in", "--out", "out", "--anchors", "known", "--exclude", "*.mp4")
     assert inside(*batch).returncode == 1
-    found = rows(inside, "out")
-    assert {name for name, row in found.items() if row["status"] == "ok"} == {"b.png", "hall/a.png"}
-    assert "known/a.csv" in found["a.jpg"]["error"]
-    assert "a.png.csv" in found["a.png"]["error"]
-    (known / "a.csv").rename(known / "a.png.csv")
+    table = rows(inside, "out")
+    assert {name for name, row in table.items() if row["status"] == "ok"} == {"b.png", "hall/a.png"}
+    assert "known/a.csv" in table["a.jpg"]["error"]
+    assert "a.png.csv" in table["a.png"]["error"]
+    (place / "a.csv").rename(place / "a.png.csv")
     assert inside(*batch).returncode == 1
     assert [name for name, row in rows(inside, "out").items() if row["error"]] == ["a.jpg"]
-    (known / "a.png.csv").rename(known / "a.csv")
+    (place / "a.png.csv").rename(place / "a.csv")
     alone = ("batch", "in", "--out", "alone", "--anchors", "known", "--include", "a.jpg")
     assert inside(*alone).returncode == 0
 
 
 def test_changed_known_depth_is_done_again(inside: Cli) -> None:
     tree(inside, "a.png", "b.png")
-    known = points(inside, "a", "b")
+    folder = points(inside, "a", "b")
     batch = ("batch", "in", "--out", "out", "--anchors", "known")
 
     def kept() -> list[bool]:
-        found = printed(inside(*batch, "--json", code=0))
-        return [row["kept"] for row in sorted(found, key=lambda row: str(row["input"]))]
+        facts = printed(inside(*batch, "--json", code=0))
+        return [row["kept"] for row in sorted(facts, key=lambda row: str(row["input"]))]
 
     def would() -> list[str]:
         return [row["would"] for row in printed(inside(*batch, "--dry-run", "--json"))]
 
     assert (kept(), kept(), would()) == ([False, False], [True, True], ["keep", "keep"])
-    (known / "a.csv").write_text("x,y,depth_m\n5,4,3\n")
+    (folder / "a.csv").write_text("x,y,depth_m\n5,4,3\n")
     assert would() == ["do", "keep"]
     assert (kept(), kept()) == ([False, True], [True, True])
-    (known / "a.csv").write_text("x,y,depth_m,note\n5,4,3.0,same\n")
+    (folder / "a.csv").write_text("x,y,depth_m,note\n5,4,3.0,same\n")
     assert kept() == [True, True]
-    (known / "a.csv").unlink()
+    (folder / "a.csv").unlink()
     assert would() == ["fail", "keep"]
     assert inside("batch", "in", "--out", "out").returncode == 0
     assert [row["anchors"] for row in rows(inside, "out").values()] == [None, None]
@@ -225,12 +225,12 @@ def test_own_depth_of_images_is_used_where_there_is_any(inside: Cli) -> None:
     plain.with_name("c.jpg").write_bytes(no_unit)
     plain.write_bytes(made.jpeg_with_depth(plain.read_bytes(), shades, Units="m", **facts))
     words = ("--anchors", "self", "--json", "--format", "npy", "-o")
-    found = printed(inside("predict", "in/a.jpg", "in/b.jpg", "in/c.jpg", *words, "out/"))
-    assert [one["anchors"] and one["anchors"]["given"] for one in found] == [48, None, None]
-    assert [len(one["warnings"]) for one in found] == [1, 1, 1]  # whether it is metric
-    assert found[0]["median"] == pytest.approx(1.996, abs=0.01)
+    printed_rows = printed(inside("predict", "in/a.jpg", "in/b.jpg", "in/c.jpg", *words, "out/"))
+    assert [row["anchors"] and row["anchors"]["given"] for row in printed_rows] == [48, None, None]
+    assert [len(row["warnings"]) for row in printed_rows] == [1, 1, 1]  # whether it is metric
+    assert printed_rows[0]["median"] == pytest.approx(1.996, abs=0.01)
     for kept in (False, True):
-        assert [one["kept"] for one in printed(inside("batch", "in", *words, "all"))] == [kept] * 3
+        assert [row["kept"] for row in printed(inside("batch", "in", *words, "all"))] == [kept] * 3
     assert rows(inside, "all")["a.jpg"]["anchors"]["given"] == 48
     assert inside("predict", "in/a.jpg", "--anchors-scale", "2", *words, "c/").returncode == 2
 
@@ -252,8 +252,8 @@ def test_fit_of_the_option_is_used_and_is_for_known_depth(inside: Cli) -> None:
     assert inside(*words, *plain_model).returncode == 1
     assert inside("predict", "in/a.png", "--anchors-fit", "local", "-o", "x/").returncode == 2
     batch = ("batch", "in", "-o", "out", "--anchors", "in", "--format", "npy")
-    kept = [printed(inside(*batch, "--anchors-fit", fit, "--json")) for fit in ("local", "global")]
-    assert [one["kept"] for (one,) in kept] == [False, False]
+    fits = [printed(inside(*batch, "--anchors-fit", fit, "--json")) for fit in ("local", "global")]
+    assert [row["kept"] for (row,) in fits] == [False, False]
 
 
 def test_clouds_and_reconstructions_are_known_depth(inside: Cli) -> None:
@@ -267,21 +267,21 @@ def test_clouds_and_reconstructions_are_known_depth(inside: Cli) -> None:
     (inside.folder / "pose.txt").write_text("0 1 0 0\n0 0 1 0\n1 0 0 0\n")
     words = ("predict", "in/a.png", "--points", "cloud.ply", "--extrinsics", "pose.txt", "-o", "x/")
     words += ("--format", "npy", "--json")
-    (found,) = printed(inside(*words, "--focal-px", "50", "--centre-px", "31.5,23.5"))
+    (facts,) = printed(inside(*words, "--focal-px", "50", "--centre-px", "31.5,23.5"))
     residual_m = pytest.approx(0, abs=1e-6)
-    assert found["anchors"] == {"used": 1, "given": 1, "residual_m": residual_m, "fit": "global"}
+    assert facts["anchors"] == {"used": 1, "given": 1, "residual_m": residual_m, "fit": "global"}
     assert np.load(inside.folder / "x/a.depth.npy")[24, 32] == pytest.approx(3)
-    assert "1 of 2" in found["warnings"][0]
+    assert "1 of 2" in facts["warnings"][0]
     assert inside(*words).returncode == 2
     sparse = inside.folder / "sparse"
     sparse.mkdir()
     (sparse / "cameras.txt").write_text("1 PINHOLE 64 48 50 50 32 24\n")
     (sparse / "images.txt").write_text("1 1 0 0 0 0 0 0 1 a.png\n32.5 24.5 7\n")
     (sparse / "points3D.txt").write_text("7 0 0 3 9 9 9 0.5\n")
-    (found,) = printed(
+    (facts,) = printed(
         inside("predict", "in/a.png", "--anchors", "sparse", "-o", "y/", *words[-3:])
     )
-    assert found["anchors"]["used"] == 1
+    assert facts["anchors"]["used"] == 1
     assert inside("batch", "in", "--anchors", "sparse", "-o", "out").returncode == 1
     assert {name: row["status"] for name, row in rows(inside, "out").items()} == {
         "a.png": "ok", "b.png": "failed",

@@ -233,9 +233,9 @@ def cloud(time_ns: int, depth_m: Any) -> Any:
     """Every fourth pixel of a depth map as a lidar sees it, with an intensity between."""
     y, x = np.mgrid[:HEIGHT:4, :WIDTH:4].reshape(2, -1)
     z = depth_m[y, x]
-    seen = np.stack([(x - 15.5) * z / FOCAL_PX, (y - 11.5) * z / FOCAL_PX, z, np.ones_like(z)])
+    xyz1 = np.stack([(x - 15.5) * z / FOCAL_PX, (y - 11.5) * z / FOCAL_PX, z, np.ones_like(z)])
     points = np.zeros(len(z), [("x", "<f4"), ("i", "<u2"), ("y", "<f4"), ("z", "<f4")])
-    for axis, values in zip("xyz", np.linalg.inv(LIDAR_TO_CAMERA) @ seen, strict=False):
+    for axis, values in zip("xyz", np.linalg.inv(LIDAR_TO_CAMERA) @ xyz1, strict=False):
         points[axis] = values
     kinds = {"f": 7, "u": 4}
     fields = [

@@ -93,9 +93,9 @@ def test_a_dry_run_writes_nothing(inside: Cli) -> None:
     assert inside(*dry, "--include", "a.png").returncode == 0
     inside("batch", "in", "--out", "out", "--include", "a.png")
     before = contents(inside, "out")
-    found = printed(inside(*dry, "--json"))
-    assert [row["would"] for row in found] == ["keep", "fail", "do", "skip"]
-    assert found[0]["outputs"] == ["out/a.depth.png"]
+    facts = printed(inside(*dry, "--json"))
+    assert [row["would"] for row in facts] == ["keep", "fail", "do", "skip"]
+    assert facts[0]["outputs"] == ["out/a.depth.png"]
     assert contents(inside, "out") == before
 
 
@@ -133,9 +133,9 @@ def test_json_prints_the_rows_of_the_manifest(inside: Cli) -> None:
     tree(inside, "a.png", "b.png")
     (inside.folder / "in" / "c.png").touch()
     done = inside("batch", "in", "--out", "out", "--json", code=1)
-    found = printed(done)
-    assert [row.pop("kept") for row in found] == [False] * 3
-    assert {row["input"]: row for row in found} == rows(inside, "out")
+    printed_rows = printed(done)
+    assert [row.pop("kept") for row in printed_rows] == [False] * 3
+    assert {row["input"]: row for row in printed_rows} == rows(inside, "out")
     assert b"depthcli: error: in/c.png is empty" in done.stderr
 
 
@@ -239,9 +239,9 @@ def test_an_unforeseen_error_stops_no_other(cli: Cli, monkeypatch: pytest.Monkey
     image(cli, "seven.png", np.zeros((5, 7), np.uint8))
     folders = (str(cli.folder / "in"), "--out", str(cli.folder / "out"))
     assert main(["batch", *folders, "--workers", "1", "--batch-size", "3"]) == 1
-    found = rows(cli, "out")
-    assert {name: row["status"] for name, row in found.items()} == {
+    by_name = rows(cli, "out")
+    assert {name: row["status"] for name, row in by_name.items()} == {
         **dict.fromkeys(("a.png", "z.png"), "ok"),
         "seven.png": "failed",
     }
-    assert found["seven.png"]["error"] == "unexpected ValueError: seven"
+    assert by_name["seven.png"]["error"] == "unexpected ValueError: seven"

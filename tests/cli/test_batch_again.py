@@ -58,14 +58,14 @@ def test_a_killed_batch_goes_on_and_gives_the_same_bytes(cli: Cli) -> None:
         journal.write(b'{"input": "0/0')
     before = (cli.folder / "out" / JOURNAL).read_bytes().count(b"\n")
     words = ("--format", "png16", "--format", "exr")
-    found = kept(cli, "--out", "out", *words)
-    assert 15 <= sum(found.values()) <= before
+    by_name = kept(cli, "--out", "out", *words)
+    assert 15 <= sum(by_name.values()) <= before
     assert cli("batch", "in", "--out", "once", *words).returncode == 0
     assert len(outputs(cli.folder / "out")) == 2 * COUNT
     assert outputs(cli.folder / "out") == outputs(cli.folder / "once")
-    one, other = (rows(cli, out) for out in ("once", "out"))
-    assert list(one) == list(other)
-    for name, row in one.items():
+    first, other = (rows(cli, out) for out in ("once", "out"))
+    assert list(first) == list(other)
+    for name, row in first.items():
         assert {**row, "seconds": 0} == {**other[name], "seconds": 0}
 
 
@@ -85,8 +85,8 @@ def test_an_interrupted_batch_can_go_on(cli: Cli, which: signal.Signals) -> None
     assert {file["path"] for row in done.values() for file in row["outputs"]} == {
         *outputs(cli.folder / "out")
     }
-    found = kept(cli, "--out", "out")
-    assert {name for name, was in found.items() if was} == done.keys()
+    by_name = kept(cli, "--out", "out")
+    assert {name for name, was in by_name.items() if was} == done.keys()
     cli("batch", "in", "--out", "once")
     assert outputs(cli.folder / "out") == outputs(cli.folder / "once")
 
@@ -171,13 +171,13 @@ def test_shards_are_summed_up_listed_and_merged(inside: Cli) -> None:
     (inside.folder / "in" / "bad\tname.png").touch()
     codes = [inside("batch", "in", "-o", "out", "--shard", f"{n}/2").returncode for n in (1, 2)]
     assert sorted(codes) == [0, 1]
-    said = inside("manifest", "summary", "out").stdout.decode().splitlines()
-    assert said[0] == "3 inputs: 2 ok, 1 failed"
-    assert said[1].startswith("2 outputs, ")
-    (found,) = printed(inside("manifest", "summary", "out", "--json"))
-    assert (found["inputs"], found["failed"], found["outputs"]) == (3, 1, 2)
-    assert [one["inputs"] for one in found["models"]] == [3]
-    assert {"model", "model_sha256", "version"} < set(found["models"][0])
+    lines = inside("manifest", "summary", "out").stdout.decode().splitlines()
+    assert lines[0] == "3 inputs: 2 ok, 1 failed"
+    assert lines[1].startswith("2 outputs, ")
+    (facts,) = printed(inside("manifest", "summary", "out", "--json"))
+    assert (facts["inputs"], facts["failed"], facts["outputs"]) == (3, 1, 2)
+    assert [model["inputs"] for model in facts["models"]] == [3]
+    assert {"model", "model_sha256", "version"} < set(facts["models"][0])
     failed = inside("manifest", "failed", "out")
     assert failed.stdout.decode().count("\n") == 1
     assert "is empty" in failed.stdout.decode()
@@ -187,7 +187,7 @@ def test_shards_are_summed_up_listed_and_merged(inside: Cli) -> None:
     assert merged == [{"manifest": "out/manifest.jsonl"}]
     left = {name.split("/")[0] for name in contents(inside, "out")}
     assert left == {"a.depth.png", "hall", "manifest.jsonl"}
-    assert json.loads(inside("manifest", "summary", "out", "--json").stdout) == found
+    assert json.loads(inside("manifest", "summary", "out", "--json").stdout) == facts
     with (inside.folder / "out" / "manifest.jsonl").open("ab") as file:
         file.write(b'{"input": "cut\n')
     assert b"line 4 is no row" in inside("manifest", "summary", "out", code=0).stderr
@@ -213,14 +213,14 @@ def test_no_byte_depends_on_how_the_work_is_spread(model: str, inside: Cli) -> N
         image(inside, name, cv2.resize(room, size) // (1 + NAMES.index(name)))
     write_mp4(inside.folder / "in" / "d.mp4", [cv2.resize(room, (64, 48)) // n for n in (1, 2, 3)])
     (inside.folder / "list.txt").write_text("\n".join(["d.mp4", *NAMES[::-1]]))
-    seen = {}
+    data_of = {}
     for number, (way, words) in enumerate(WAYS.items()):
-        own = ("--model", str(ROOT / "models" / model), "--format", "npy", "--format", "png16")
-        inside(*words, "-o", f"{number}/", "--quiet", *own, code=0)
+        more = ("--model", str(ROOT / "models" / model), "--format", "npy", "--format", "png16")
+        inside(*words, "-o", f"{number}/", "--quiet", *more, code=0)
         files = contents(inside, str(number))
-        seen[way] = {name: data for name, data in files.items() if name != "manifest.jsonl"}
-    whole = seen["one at a time"]
+        data_of[way] = {name: data for name, data in files.items() if name != "manifest.jsonl"}
+    whole = data_of["one at a time"]
     assert len(whole) == 2 * len(NAMES) + 4  # of the video one file and three images
-    for way, files in seen.items():
+    for way, files in data_of.items():
         images = {name: whole[name] for name in whole if not name.startswith("d.")}
         assert files == (images if way.startswith("images") else whole), way

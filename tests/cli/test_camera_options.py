@@ -68,15 +68,15 @@ def folder(inside: Cli) -> Path:
 
 def test_predict_has_what_the_options_give(inside: Cli, folder: Path) -> None:
     formats = ("--format", "npy", "--format", "ply", "--format", "png16", "--json")
-    told = []
+    facts = []
     for name, words in (("a", GIVEN), ("b", ("--calibration", "cam.yaml"))):
         done = inside("predict", "room.png", "-o", f"{name}/", *formats, *words)
         assert (done.returncode, done.stderr) == (0, b"")
-        told.append(json.loads(done.stdout))
-    assert told[1]["focal_px"] == pytest.approx(80)
+        facts.append(json.loads(done.stdout))
+    assert facts[1]["focal_px"] == pytest.approx(80)
     for field in ("centre_px", "camera", "camera_source"):
-        assert told[0][field] == told[1][field]
-    assert told[1]["centre_px"] == [30.5, 25.25]
+        assert facts[0][field] == facts[1][field]
+    assert facts[1]["centre_px"] == [30.5, 25.25]
     for name in ("room.depth.png", "room.ply", "room.depth.npy"):
         assert (folder / "a" / name).read_bytes() == (folder / "b" / name).read_bytes()
 
@@ -109,15 +109,15 @@ def test_a_distorted_lens_is_one_warning_or_undistorted(
 
 def test_a_scale_is_measured_and_used_on_undistorted_images(inside: Cli, folder: Path) -> None:
     (folder / "cam.yaml").write_text(DISTORTED)
-    given = ("--calibration", "cam.yaml", "--undistort")
-    inside("calibrate", "wide", "room.png", *given, "--anchor", "9,4,5", code=0)
-    inside("predict", "room.png", *given, "-o", "own.npy", code=0)
+    lens = ("--calibration", "cam.yaml", "--undistort")
+    inside("calibrate", "wide", "room.png", *lens, "--anchor", "9,4,5", code=0)
+    inside("predict", "room.png", *lens, "-o", "own.npy", code=0)
     inside("predict", "room.png", "--camera", "wide", "-o", "kept.npy", code=0)
     own_m, kept_m = (np.load(folder / f"{name}.npy") for name in ("own", "kept"))
     np.testing.assert_allclose(kept_m, own_m * (5 / own_m[4, 9]), rtol=1e-5)
     assert kept_m[4, 9] == pytest.approx(5)
     inside("predict", "room.png", "--camera", "wide", "--hfov", "60", "-o", "no.npy", code=2)
-    inside("calibrate", "wide", "--pairs", ".", *given, code=2)  # depth of distorted images
+    inside("calibrate", "wide", "--pairs", ".", *lens, code=2)  # depth of distorted images
     done = inside("calibrate", "a", "room.png", "--anchor", "9,4,5", XDG_CONFIG_HOME="/dev/null")
     assert (done.returncode, b"--out" in done.stderr) == (1, False)
 

@@ -96,8 +96,8 @@ def test_a_conversion_keeps_model_and_focal_length(inside: Cli, files: Path, tar
     made_by = read_stored_depth(files / target).displayed.provenance
     assert (made_by.model, made_by.model_sha256, made_by.focal_px) == ("m", "0" * 64, 16.0)
     assert inside("convert", "d.png", "b.json", "--png-scale", "256").returncode == 0
-    told = json.loads((files / "b.json").read_text())
-    assert (told["focal_px"], told["model"], told["png16_scale"]) == (16.0, "m", 256)
+    facts = json.loads((files / "b.json").read_text())
+    assert (facts["focal_px"], facts["model"], facts["png16_scale"]) == (16.0, "m", 256)
 
 
 CALIBRATION = """image_width: 16
@@ -132,14 +132,14 @@ def test_outputs_have_the_given_camera(
     for name in ("b.png", "b.exr", "b.json"):
         inside("convert", "bare.npy", name, *options, code=0)
         if name == "b.json":
-            told = json.loads((files / name).read_text())
-            told["centre_px"] = told["centre_px"] and tuple(told["centre_px"])
+            facts = json.loads((files / name).read_text())
+            facts["centre_px"] = facts["centre_px"] and tuple(facts["centre_px"])
         else:
             depth = read_stored_depth(files / name).displayed
-            told = asdict(depth.provenance)
+            facts = asdict(depth.provenance)
             np.testing.assert_array_equal(depth.values, DEPTH.values)
-        assert told["focal_px"] == pytest.approx(focal_px)
-        assert (told["centre_px"], told["camera_source"]) == (centre_px, "option")
+        assert facts["focal_px"] == pytest.approx(focal_px)
+        assert (facts["centre_px"], facts["camera_source"]) == (centre_px, "option")
 
 
 def test_a_calibration_warns_and_is_not_replaced(inside: Cli, files: Path) -> None:
@@ -166,8 +166,8 @@ def test_the_sidecar_of_a_png_states_its_scale(inside: Cli) -> None:
         writer.write(DEPTH, inside.folder / f"{name}.png")
         assert inside("convert", f"{name}.png", name, "--format", "json").returncode == 0
         (sidecar,) = inside.folder.glob(f"{name}*.json")
-        stated = json.loads(sidecar.read_text())
-        assert [stated[key] for key in ("png16_scale", "png16_min", "png16_max")] == [None, 1, 4]
+        facts = json.loads(sidecar.read_text())
+        assert [facts[key] for key in ("png16_scale", "png16_min", "png16_max")] == [None, 1, 4]
 
 
 @pytest.mark.parametrize("between", ["a.exr", "a.png", "a.npy"])
@@ -246,11 +246,11 @@ def test_no_bad_file_stops_the_other_conversions(tree: Cli) -> None:
     ]
     assert done.stdout.startswith(b"3 of 6 files converted, 3 failed, 4 files skipped")
     assert len(contents(tree, "out")) == 3
-    told = {line["input"]: line for line in printed(tree(*TO_EXR, "--json"))}
-    assert [name for name, line in told.items() if line["status"] == "failed"] == [
+    facts = {line["input"]: line for line in printed(tree(*TO_EXR, "--json"))}
+    assert [name for name, line in facts.items() if line["status"] == "failed"] == [
         *("in/0.png", "in/z.npy", "in/hall/b.npy")
     ]
-    assert told["in/b.png"] == {
+    assert facts["in/b.png"] == {
         "input": "in/b.png",
         "status": "ok",
         "output": "out/b.depth.exr",
@@ -269,13 +269,13 @@ def test_names_of_conversions_do_not_collide(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     for name in given:
         (tmp_path / "in" / name).write_bytes(b"")
-    found = names(tmp_path)
-    assert len({name.casefold() for name in found.values()}) == len(given)
-    assert found["a.depth.png"] == "a.depth.png.depth.exr"
-    assert found["a.npy"] == "a.npy.depth.exr"
-    assert found["c.npy"] == "c.depth.exr"
-    assert found["c.npy.exr"] == "c.npy.exr.depth.exr"
-    assert found["d.png"] != "d.depth.exr" != found["D.png"]
+    targets = names(tmp_path)
+    assert len({name.casefold() for name in targets.values()}) == len(given)
+    assert targets["a.depth.png"] == "a.depth.png.depth.exr"
+    assert targets["a.npy"] == "a.npy.depth.exr"
+    assert targets["c.npy"] == "c.depth.exr"
+    assert targets["c.npy.exr"] == "c.npy.exr.depth.exr"
+    assert targets["d.png"] != "d.depth.exr" != targets["D.png"]
 
 
 @pytest.mark.parametrize(
@@ -310,12 +310,12 @@ def test_folders_of_a_bucket(tmp_path: Path, bucket: Bucket) -> None:
     data = depth_file(tmp_path / "a.npy", 3).read_bytes()
     for key in ("in/z.npy", "in/hall/a.npy", "in/notes.txt"):
         bucket.put(key, data)
-    wanted = NameFilter.of((), ("none",))
+    filter_ = NameFilter.of((), ("none",))
     request = ConvertRequest(bucket.uri("in"), bucket.uri("out"), Format.PNG16)
-    plan = plan_folder(request, wanted)
+    plan = plan_folder(request, filter_)
     assert [file.name for file in plan.inputs] == ["z.npy", "hall/a.npy"]
     results = list(convert_folder(request, plan))
     assert all(isinstance(result, ConvertResult) for result in results)
-    made = {key for key in bucket.names() if key.startswith("out/")}
-    assert made == {"out/z.depth.png", "out/hall/a.depth.png"}
+    keys = {key for key in bucket.names() if key.startswith("out/")}
+    assert keys == {"out/z.depth.png", "out/hall/a.depth.png"}
     assert [file.reason for file in plan.skipped] == [".txt"]

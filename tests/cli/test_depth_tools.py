@@ -28,13 +28,13 @@ def depth_npy(inside: Cli) -> Path:
 def test_info_states_unit_scale_and_range(inside: Cli) -> None:
     write_image(inside.folder / "room.png")
     inside("predict", "room.png", "-o", "d.png", "--png-scale", "5000")
-    told = json.loads(inside("info", "d.png", "--json").stdout)
+    facts = json.loads(inside("info", "d.png", "--json").stdout)
     depth = read_stored_depth(inside.folder / "d.png").displayed.values
-    assert (told["kind"], told["unit"]) == ("metric", "m")
-    assert (told["width"], told["height"], told["valid"]) == (64, 48, 64 * 48)
-    assert told["max"] == pytest.approx(depth.max())
-    assert told["metadata"]["scale"] == "5000"
-    assert told["metadata"]["model"] == "tiny"
+    assert (facts["kind"], facts["unit"]) == ("metric", "m")
+    assert (facts["width"], facts["height"], facts["valid"]) == (64, 48, 64 * 48)
+    assert facts["max"] == pytest.approx(depth.max())
+    assert facts["metadata"]["scale"] == "5000"
+    assert facts["metadata"]["model"] == "tiny"
     lines = dict(
         line.split(maxsplit=1) for line in inside("info", "d.png").stdout.decode().split("\n")[:-1]
     )
@@ -51,11 +51,11 @@ def test_info_includes_metadata_of_the_sidecar(inside: Cli, name: str) -> None:
     path = write_image(inside.folder / "held.jpg")
     path.write_bytes(jpeg_with_exif(path.read_bytes(), exif(6)))
     assert inside("predict", "held.jpg", "-o", name, "--sidecar").returncode == 0
-    stated = json.loads(inside("info", name, "--json").stdout)["metadata"]
-    assert (stated["orientation"], stated["model"]) == ("6", "tiny")
+    metadata = json.loads(inside("info", name, "--json").stdout)["metadata"]
+    assert (metadata["orientation"], metadata["model"]) == ("6", "tiny")
     # A sidecar of another model's map says nothing of this one.
     sidecar = inside.folder / "d.json"
-    sidecar.write_text(sidecar.read_text().replace(stated["model_sha256"], "0" * 64))
+    sidecar.write_text(sidecar.read_text().replace(metadata["model_sha256"], "0" * 64))
     after = json.loads(inside("info", name, "--json").stdout)["metadata"]
     assert ("orientation" in after) == (name == "d.npy")
 
@@ -121,10 +121,10 @@ def test_probe_sums_up_boxes_and_masks(inside: Cli, depth_npy: Path) -> None:
     done = inside("probe", "d.npy", "0,0,4,2", "mask.png", "0,0,1,1", "--json")
     box, masked, empty = map(json.loads, done.stdout.splitlines())
     assert (box["area"], box["pixels"], box["without_depth"]) == ("0,0,4,2", 8, 0.125)
-    known = values[:2, :4][~np.isnan(values[:2, :4])]
+    valid = values[:2, :4][~np.isnan(values[:2, :4])]
     shares = {"min": 0, "p05": 5, "p25": 25, "median": 50, "p75": 75, "p95": 95, "max": 100}
     for name, percent in shares.items():
-        assert box[name] == pytest.approx(np.percentile(known, percent))
+        assert box[name] == pytest.approx(np.percentile(valid, percent))
         assert masked[name] == pytest.approx(np.percentile(values[2:5, 3], percent))
         assert empty[name] is None
     assert (masked["area"], masked["pixels"], empty["without_depth"]) == ("mask.png", 3, 1)

@@ -103,8 +103,8 @@ def test_commands_give_the_settings_of_the_measured_generators(card: Path) -> No
     measured = json.loads(card.read_text())["training"]["config"]
     for part in ("generator", "output", "data", "loss", "optim"):
         shared = config[part].keys() & measured[part].keys()
-        given = json.loads(json.dumps({name: config[part][name] for name in shared}))
-        assert given == {name: measured[part][name] for name in shared}
+        part_settings = json.loads(json.dumps({name: config[part][name] for name in shared}))
+        assert part_settings == {name: measured[part][name] for name in shared}
 
 
 def test_tables_are_written_from_the_results() -> None:

@@ -73,8 +73,8 @@ def test_predict_info_probe_and_the_page_show_the_error(unsure: Cli) -> None:
     line = unsure("predict", "a.png", "-o", "a.exr", "--error", code=0).stdout.decode()
     error = depthcli.read_depth(unsure.folder / "a.exr").error
     assert f"m, expected error {np.median(error):.0%}" in line
-    stated = json.loads(unsure("info", "a.exr", "--json", code=0).stdout)
-    assert stated["expected_error"] == pytest.approx(np.median(error))
+    info = json.loads(unsure("info", "a.exr", "--json", code=0).stdout)
+    assert info["expected_error"] == pytest.approx(np.median(error))
     text = unsure("probe", "a.exr", "3,4", "0,0,32,24", code=0).stdout.decode()
     assert f"± {error[4, 3]:.0%}" in text
     assert f"expected error {np.median(error):.0%}" in text

@@ -33,7 +33,7 @@ def test_the_focal_length_in_exif_is_used_as_that_of_a_jpeg(inside: Cli) -> None
     (inside.folder / "a.heic").write_bytes(heic(IMAGE, exif=exif))
     Image.fromarray(IMAGE).save(inside.folder / "b.jpg", exif=exif)
     done = inside("predict", "a.heic", "b.jpg", "--format", "png16", "--json")
-    facts = [(one["width"], one["height"], one["camera"]) for one in printed(done)]
+    facts = [(row["width"], row["height"], row["camera"]) for row in printed(done)]
     assert facts[0] == facts[1]
     assert facts[0][:2] == (48, 64)
     assert facts[0][2].endswith("(from EXIF)")
@@ -52,14 +52,14 @@ def test_a_batch_reads_heic_by_pillow_heif(inside: Cli, monkeypatch: pytest.Monk
         assert (listed.returncode, MISSING in listed.stderr) == (1, True)
     is_installed.cache_clear()
     would = inside("batch", "in", "--out", "out", "--dry-run", "--json")
-    assert [one["would"] for one in printed(would)] == ["keep", "do", "fail"]
+    assert [facts["would"] for facts in printed(would)] == ["keep", "do", "fail"]
     done = inside("batch", "in", "--out", "out", code=1)
     assert b"in/c.heic is truncated" in done.stderr
-    found = rows(inside, "out")
-    assert [row["status"] for row in found.values()] == ["ok", "ok", "failed"]
+    by_name = rows(inside, "out")
+    assert [row["status"] for row in by_name.values()] == ["ok", "ok", "failed"]
     assert contents(inside, "out").keys() == {"a.depth.png", "b.depth.png", "manifest.jsonl"}
     again = inside("batch", "in", "--out", "out", "--json")
-    assert [one.get("kept") for one in printed(again)][:2] == [True, True]
+    assert [facts.get("kept") for facts in printed(again)][:2] == [True, True]
     assert inside("batch", "in", "--files", "list", "--out", "other").returncode == 0
 
 

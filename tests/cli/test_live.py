@@ -58,17 +58,17 @@ def test_the_newest_frame_comes_first_and_late_ones_are_counted() -> None:
 
 
 def test_a_lost_stream_is_opened_again() -> None:
-    said: list[str] = []
+    messages: list[str] = []
     with Camera(is_endless=False) as camera:
         send(camera, [10] * 9)
-        with opened(camera, said) as source:
+        with opened(camera, messages) as source:
             frames = source.frames()
             next(frames)
             camera.levels.put(None)
             wait_for(lambda: camera.connections == 2)
             send(camera, [90] * 9)
             assert any(int(frame.pixels.mean()) == 90 for frame in frames)
-            assert (source.counts.reconnections, len(said)) == (1, 2)
+            assert (source.counts.reconnections, len(messages)) == (1, 2)
 
 
 def test_a_stream_that_does_not_come_back_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,8 +115,8 @@ def test_an_address_of_rtsp_is_connected_to(cli: Cli) -> None:
         client, _ = server.accept()
         with client:
             assert client.recv(4) == b"OPTI"  # OPTIONS, the first request of a session
-        said = process.communicate(timeout=50)[1]
-    assert (process.returncode, said.count(b"\n")) == (1, 1)
+        stderr = process.communicate(timeout=50)[1]
+    assert (process.returncode, stderr.count(b"\n")) == (1, 1)
 
 
 def test_a_playlist_names_no_file_of_this_machine(tmp_path: Path) -> None:
@@ -157,8 +157,8 @@ def test_ctrl_c_completes_the_files(cli: Cli) -> None:
         )
         wait_for(lambda: len(list(cli.folder.glob("out/*.mkv"))) >= 2)
         process.send_signal(signal.SIGINT)
-        output, said = process.communicate(timeout=50)
-    assert (process.returncode, said) == (0, b"")
+        output, stderr = process.communicate(timeout=50)
+    assert (process.returncode, stderr) == (0, b"")
     facts = json.loads(output)
     assert facts["outputs"][0] == "out/live.depth.%04d.mkv"
     assert facts["look_ahead"] == 0
@@ -188,8 +188,8 @@ def test_a_pipe_is_read_live_until_it_ends_or_ctrl_c(
     if is_stopped:
         process.send_signal(signal.SIGINT)
         process.wait(timeout=50)  # while the pipe is open
-    output, said = process.communicate(timeout=50)
-    assert (process.returncode, said) == (0, b"")
+    output, stderr = process.communicate(timeout=50)
+    assert (process.returncode, stderr) == (0, b"")
     facts = json.loads(output)
     assert facts["fps"] == "30000/1001"
     steps = list(DepthVideo(cli.folder / facts["outputs"][0]).steps())
@@ -227,8 +227,8 @@ def test_a_page_shows_the_newest_preview_until_the_video_ends(cli: Cli) -> None:
             assert (taken.returncode, len(taken.stderr.splitlines())) == (2, 1)
             process.send_signal(signal.SIGINT)
             stream.read()  # to its end
-        _, said = process.communicate(timeout=50)
-    assert (process.returncode, b"no effect" in said) == (0, False)
+        _, stderr = process.communicate(timeout=50)
+    assert (process.returncode, b"no effect" in stderr) == (0, False)
 
 
 def test_segments_of_a_video_hold_all_of_its_frames(inside: Cli) -> None:
@@ -238,9 +238,9 @@ def test_segments_of_a_video_hold_all_of_its_frames(inside: Cli) -> None:
     parts = sorted(inside.folder.glob("part.*.mkv"))
     assert [path.name for path in parts] == [f"part.{number:04d}.mkv" for number in range(3)]
     steps = [list(DepthVideo(path).steps()) for path in parts]
-    assert [len(one) for one in steps] == [10, 10, 5]
+    assert [len(segment) for segment in steps] == [10, 10, 5]
     np.testing.assert_array_equal(
-        [step for one in steps for step in one],
+        [step for segment in steps for step in segment],
         list(DepthVideo(inside.folder / "whole.mkv").steps()),
     )
     for wrong in (("--segment", "0"), ("-o", "-", "--segment", "1m"), ("--live",)):

@@ -19,10 +19,10 @@ def spoil(cli: Cli, name: str) -> None:
 
 def test_the_list_shows_what_is_there(inside: Cli) -> None:
     write_model(inside.models / "other", version="7.7")
-    plain, told = inside("models"), inside("models", "list")
-    assert plain.returncode == told.returncode == 0
-    assert plain.stdout == told.stdout
-    header, *rows = (line.split("\t") for line in told.stdout.decode().splitlines())
+    plain, runs = inside("models"), inside("models", "list")
+    assert plain.returncode == runs.returncode == 0
+    assert plain.stdout == runs.stdout
+    header, *rows = (line.split("\t") for line in runs.stdout.decode().splitlines())
     assert header[:3] == ["name", "version", "kind"]
     assert ["other", "7.7", "metric"] in [row[:3] for row in rows]
     assert "default" in [row[0] for row in rows]
@@ -35,10 +35,10 @@ def test_the_bundled_models_are_in_the_wheel_and_run(cli: Cli) -> None:
     assert models.keys() == {"default", "error", "fast", "float", "prompted", "sharp"}
     write_image(cli.folder / "a.png")
     words = ("predict", "a.png", "-o", "a.npy", "--json", "--model", "fast")
-    told = json.loads(cli(*words, **nothing_else).stdout)
-    assert (told["status"], told["model"]) == ("ok", "fast")
+    facts = json.loads(cli(*words, **nothing_else).stdout)
+    assert (facts["status"], facts["model"]) == ("ok", "fast")
     data = (ROOT / "models" / "fast" / "model.onnx").read_bytes()
-    assert told["model_sha256"] == models["fast"]["sha256"] == hashlib.sha256(data).hexdigest()
+    assert facts["model_sha256"] == models["fast"]["sha256"] == hashlib.sha256(data).hexdigest()
 
 
 def test_the_list_for_machines(inside: Cli) -> None:
@@ -83,8 +83,8 @@ def test_added_listed_shown_used_and_removed(inside: Cli, download: Path, image:
     added = inside("models", "add", download.name, "--card", "midas-small", code=0)
     assert added.stdout.startswith(b"midas-small: inverse depth, no unit, in ")
     assert b"\tinverse\t" in inside("models", "list").stdout
-    shown = json.loads(inside("models", "show", "midas-small").stdout)
-    assert (shown["file"], shown["bytes"]) == ("model.onnx", download.stat().st_size)
+    card = json.loads(inside("models", "show", "midas-small").stdout)
+    assert (card["file"], card["bytes"]) == ("model.onnx", download.stat().st_size)
     assert inside("models", "verify", "midas-small").returncode == 0
     inside("predict", image, "--model", "midas-small", "-o", "x.npy", code=0)
     assert inside("models", "remove", "midas-small", "nothing").returncode == 2
@@ -96,18 +96,18 @@ def test_added_listed_shown_used_and_removed(inside: Cli, download: Path, image:
 
 
 def test_a_bundled_model_is_hidden_with_force_and_comes_back(inside: Cli, download: Path) -> None:
-    own = {"DEPTHCLI_MODELS": str(inside.folder / "own")}
-    bundled = json.loads(inside("models", "show", "default", **own).stdout)
+    env = {"DEPTHCLI_MODELS": str(inside.folder / "own")}
+    bundled = json.loads(inside("models", "show", "default", **env).stdout)
     add = ("models", "add", download, "--card", "midas-small", "--name", "default")
-    refused = inside(*add, **own)
+    refused = inside(*add, **env)
     assert (refused.returncode, refused.stdout) == (2, b"")
     assert b"--force" in refused.stderr
-    assert inside(*add, "--force", **own).returncode == 0
-    shown = json.loads(inside("models", "show", "default", **own).stdout)
-    assert shown["bytes"] == download.stat().st_size
-    assert inside("models", "remove", "default", **own).returncode == 0
-    assert json.loads(inside("models", "show", "default", **own).stdout) == bundled
-    inside("models", "remove", "default", **own, code=2)
+    assert inside(*add, "--force", **env).returncode == 0
+    card = json.loads(inside("models", "show", "default", **env).stdout)
+    assert card["bytes"] == download.stat().st_size
+    assert inside("models", "remove", "default", **env).returncode == 0
+    assert json.loads(inside("models", "show", "default", **env).stdout) == bundled
+    inside("models", "remove", "default", **env, code=2)
 
 
 def test_without_the_variable_models_lie_in_the_data_folder(inside: Cli, download: Path) -> None:
@@ -152,15 +152,15 @@ QUICK = ("--seconds", "0.05", "--provider", "cpu")
 def test_measures_add_up(inside: Cli) -> None:
     size = ("--size", "1200x900", "--workers", "2", "--threads", "3")
     done = inside("bench", *QUICK, *size, "--json", code=0)
-    found = json.loads(done.stdout)
-    for latency in (found["network"], found["end_to_end"]):
+    facts = json.loads(done.stdout)
+    for latency in (facts["network"], facts["end_to_end"]):
         assert 0 < latency["min_ms"] <= latency["median_ms"]
         assert latency["noise"] >= 0
         assert latency["runs"] >= 5
-    assert found["images_per_s"] > 0
-    assert found["peak_memory_mb"] > 30
-    assert (found["workers"], found["threads"], found["provider"]) == (2, 3, "cpu")
-    assert len(found["model_sha256"]) == 64
+    assert facts["images_per_s"] > 0
+    assert facts["peak_memory_mb"] > 30
+    assert (facts["workers"], facts["threads"], facts["provider"]) == (2, 3, "cpu")
+    assert len(facts["model_sha256"]) == 64
 
 
 def test_an_image_of_ones_own(inside: Cli, image: Path) -> None:
@@ -176,11 +176,11 @@ def checks(stdout: bytes) -> dict[str, dict[str, str]]:
 
 
 def test_all_is_well(cli: Cli) -> None:
-    found = checks(cli("doctor", "--json", "--provider", "cpu", code=0).stdout)
-    assert found["model"]["status"] == "ok"
-    assert "runs on cpu" in found["model"]["detail"]
-    assert found["codec .png"]["status"] == found["import OpenEXR"]["status"] == "ok"
-    assert found["numpy"]["detail"]
+    findings = checks(cli("doctor", "--json", "--provider", "cpu", code=0).stdout)
+    assert findings["model"]["status"] == "ok"
+    assert "runs on cpu" in findings["model"]["detail"]
+    assert findings["codec .png"]["status"] == findings["import OpenEXR"]["status"] == "ok"
+    assert findings["numpy"]["detail"]
 
 
 @pytest.mark.parametrize(
@@ -196,14 +196,14 @@ def test_a_broken_package_is_a_finding(cli: Cli, module: str, package: str, code
     broken.mkdir(parents=True)
     (broken / "__init__.py").write_text(code)
     done = cli("doctor", "--json", PYTHONPATH=f"{broken.parent}:{cli.site}")
-    found = checks(done.stdout)
+    findings = checks(done.stdout)
     assert (done.returncode, done.stderr) == (3, b"")
-    assert found[f"import {module}"]["status"] == "failed"
-    assert f"pip install --force-reinstall {package}" in found[f"import {module}"]["detail"]
-    assert all("\n" not in check["detail"] for check in found.values())
-    assert found["import numpy"]["status"] == found["import OpenEXR"]["status"] == "ok"
+    assert findings[f"import {module}"]["status"] == "failed"
+    assert f"pip install --force-reinstall {package}" in findings[f"import {module}"]["detail"]
+    assert all("\n" not in check["detail"] for check in findings.values())
+    assert findings["import numpy"]["status"] == findings["import OpenEXR"]["status"] == "ok"
     other = "codec .png" if module == "onnxruntime" else "import onnxruntime"
-    assert found[other]["status"] == "ok"
+    assert findings[other]["status"] == "ok"
 
 
 @pytest.mark.parametrize(("channels", "size"), [(3, None), (1, (24, 32))])
@@ -214,13 +214,13 @@ def test_a_new_card_makes_a_network_run(
     write_image(inside.folder / "a.png")
     words = ("predict", "a.png", "-o", "a.npy", "--model", "./my net.onnx")
     assert b"depthcli models new-card 'my net.onnx'" in inside(*words).stderr
-    made = inside("models", "new-card", "my net.onnx")
+    done = inside("models", "new-card", "my net.onnx")
     card = json.loads((inside.folder / "my net.card.json").read_text())
     spec = card["input"]
     assert (spec["dynamic"], spec["colour"]) == (size is None, "rgb" if channels == 3 else "luma")
     assert (spec["height"], spec["width"]) == (size or (518, 518))
     for guess in ("output.kind is inverse", "input.mean is 0.", "license is"):
-        assert guess.encode() in made.stderr
+        assert guess.encode() in done.stderr
     assert inside(*words).returncode == 0
     added = inside("models", "add", "my net.onnx", "--card", "my net.card.json", "--name", "mine")
     assert (added.returncode, inside(*words[:-1], "mine", "--overwrite").returncode) == (0, 0)
@@ -229,12 +229,12 @@ def test_a_new_card_makes_a_network_run(
 def test_a_new_card_has_what_is_stated_and_replaces_no_file(inside: Cli) -> None:
     (inside.folder / "a.onnx").write_bytes(tiny_onnx(channels=3))
     words = ("models", "new-card", "a.onnx", "-o", "b.json", "--kind", "metric")
-    made = inside(*words, "--mean", "0", "--std", "1,2,3", "--colour", "rgb")
+    done = inside(*words, "--mean", "0", "--std", "1,2,3", "--colour", "rgb")
     card = json.loads((inside.folder / "b.json").read_text())
     assert (card["output"]["kind"], card["input"]["mean"]) == ("metric", [0])
     assert card["input"]["std"] == [1, 2, 3]
-    assert b"input.mean" not in made.stderr
-    assert b"camera is null" in made.stderr
+    assert b"input.mean" not in done.stderr
+    assert b"camera is null" in done.stderr
     assert inside(*words).returncode == 1
     assert inside(*words, "--overwrite", "--mean", "1,2").returncode == 2
 

@@ -104,11 +104,11 @@ def test_file_with_another_checksum_is_refused(inside: Cli, server: FileServer) 
 def test_checksum_that_is_not_published_is_recorded(inside: Cli, server: FileServer) -> None:
     part(inside).write_bytes(b"the beginning of another file")
     added = inside("models", "add", write_published(inside, server.url), "--json", code=0)
-    told = json.loads(added.stdout)
-    assert told["sha256"] == hashlib.sha256(server.data).hexdigest()
-    assert (told["url"], told["license"]) == (server.url, "MIT")
-    shown = json.loads(inside("models", "show", "far").stdout)
-    assert (shown["sha256"], shown["weights"]["url"]) == (told["sha256"], server.url)
+    facts = json.loads(added.stdout)
+    assert facts["sha256"] == hashlib.sha256(server.data).hexdigest()
+    assert (facts["url"], facts["license"]) == (server.url, "MIT")
+    card_ = json.loads(inside("models", "show", "far").stdout)
+    assert (card_["sha256"], card_["weights"]["url"]) == (facts["sha256"], server.url)
 
 
 def test_without_network_the_address_is_said(inside: Cli, server: FileServer) -> None:
@@ -136,8 +136,8 @@ def test_card_without_address_says_where_weights_are(inside: Cli) -> None:
 
 def test_every_ready_card_states_an_address_that_a_hint_names(inside: Cli, image: Path) -> None:
     cards = [json.loads(line) for line in inside("models", "cards", "--json").stdout.splitlines()]
-    stated = {card["name"]: card["weights"] for card in cards}
-    for name, weights in stated.items():
+    by_name = {card["name"]: card["weights"] for card in cards}
+    for name, weights in by_name.items():
         assert weights["page"]
         assert "source" in weights or "url" not in weights
         failed = inside("predict", image, "--model", name, code=3)
@@ -146,19 +146,19 @@ def test_every_ready_card_states_an_address_that_a_hint_names(inside: Cli, image
 
 def test_cards_show_the_addresses_of_weights(inside: Cli) -> None:
     rows = inside("models", "cards").stdout.decode().splitlines()
-    shown = inside("models", "cards", "depth-anything-v2-small").stdout.decode()
-    stated = json.loads(inside("models", "show", "depth-anything-v2-small").stdout)["weights"]
-    assert any(stated["page"] in row for row in rows)
-    assert all(stated[fact] in shown for fact in ("page", "url", "sha256"))
+    text = inside("models", "cards", "depth-anything-v2-small").stdout.decode()
+    weights = json.loads(inside("models", "show", "depth-anything-v2-small").stdout)["weights"]
+    assert any(weights["page"] in row for row in rows)
+    assert all(weights[fact] in text for fact in ("page", "url", "sha256"))
     assert inside("models", "cards", "none").returncode == 2
 
 
 def test_download_has_a_bar_on_a_terminal(cli: Cli, server: FileServer) -> None:
     card = write_published(cli, server.url, **pinned(server.data))
-    code, shown = cli.on_a_terminal("models", "add", card)
+    code, output = cli.on_a_terminal("models", "add", card)
     assert code == 0
-    assert "1/1" in shown
-    assert "MB/s" in shown
+    assert "1/1" in output
+    assert "MB/s" in output
 
 
 def test_a_mirror_of_the_hub_is_asked_with_the_token(inside: Cli, server: FileServer) -> None:

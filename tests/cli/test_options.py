@@ -62,8 +62,8 @@ def test_option_without_effect_is_a_warning(
     write_video(inside.folder / "clip.avi", flat_frames(range(2)))
     assert inside("predict", "room.png", "-o", "a.npy").returncode == 0
     done = inside(*words, code=0)
-    told = done.stderr.decode().splitlines()
-    assert f"depthcli: warning: {option} has no effect: it is for {used_by}" in told
+    warnings = done.stderr.decode().splitlines()
+    assert f"depthcli: warning: {option} has no effect: it is for {used_by}" in warnings
     assert not inside(*words, "--quiet", code=0).stderr
 
 
@@ -76,20 +76,20 @@ def test_extrinsics_are_refused_with_known_depth_in_pixels(inside: Cli) -> None:
 def test_normalized_png_has_the_range_of_every_command(inside: Cli) -> None:
     write_image(inside.folder / "in" / "room.png")
     write_video(inside.folder / "clip.avi", flat_frames(range(2)))
-    wanted = ("--format", "png16", "--png-inverse", "--vmin", "0.5", "--vmax", "8")
+    options = ("--format", "png16", "--png-inverse", "--vmin", "0.5", "--vmax", "8")
     for words in (
         ("predict", "in/room.png", "-o", "p/"),
         ("batch", "in", "-o", "b"),
         ("video", "clip.avi", "-o", "v/"),
         ("convert", "b/room.depth.png", "c/room.png"),
     ):
-        done = inside(*words, *wanted, code=0)
+        done = inside(*words, *options, code=0)
         assert "effect" not in done.stderr.decode()
         assert "range of each frame" not in done.stderr.decode()
     written = [path for folder in "pbvc" for path in (inside.folder / folder).glob("*.png")]
     assert len(written) == 5
     assert {read_metadata(path)["range"] for path in written} == {"0.125 2"}
-    done = inside("video", "clip.avi", "-o", "w/", *wanted[:3], code=0)
+    done = inside("video", "clip.avi", "-o", "w/", *options[:3], code=0)
     assert "give --vmin and --vmax" in done.stderr.decode()
 
 
@@ -178,9 +178,9 @@ def folder(inside: Cli) -> Path:
 
 def test_profile_gives_options_to_the_command(inside: Cli, folder: Path) -> None:
     done = inside("predict", "room.png", "--profile", "robot", "--json", code=0)
-    told = json.loads(done.stdout)
-    assert told["outputs"] == ["room.depth.png", "room.preview.png"]
-    assert "81.0°" in told["camera"]
+    facts = json.loads(done.stdout)
+    assert facts["outputs"] == ["room.depth.png", "room.preview.png"]
+    assert "81.0°" in facts["camera"]
     assert float(read_metadata(folder / "room.depth.png")["scale"]) == 256
 
 
@@ -203,9 +203,9 @@ def test_options_win_over_profiles(
 
 
 def test_project_precedes_the_user(inside: Cli, folder: Path) -> None:
-    own = folder.parent / "home" / "depthcli" / "depthcli.toml"
-    own.parent.mkdir(parents=True)
-    own.write_text("[robot]\nhfov = 50\n[mine]\nhfov = 60\n")
+    user = folder.parent / "home" / "depthcli" / "depthcli.toml"
+    user.parent.mkdir(parents=True)
+    user.write_text("[robot]\nhfov = 50\n[mine]\nhfov = 60\n")
     for name, camera in (("robot", "81.0°"), ("mine", "60.0°")):
         done = inside("predict", "room.png", "--profile", name, "--json", code=0)
         assert camera in json.loads(done.stdout)["camera"]

@@ -141,9 +141,9 @@ def test_json_is_one_object_a_line(cli: Cli) -> None:
 def test_warnings_are_told(inside: Cli) -> None:
     room(inside)
     words = ("predict", "room.png", "-o", "a.png", "--png-scale", "20000")
-    plain, told = inside(*words, code=0), inside(*words, "--json", code=0)
+    plain, runs = inside(*words, code=0), inside(*words, "--json", code=0)
     assert "saturated" in error_lines(plain)[0]
-    assert "saturated" in json.loads(told.stdout)["warnings"][0]
+    assert "saturated" in json.loads(runs.stdout)["warnings"][0]
     assert decode(inside.folder / "a.png").max() == 65535
 
 
@@ -240,8 +240,8 @@ def test_names_may_hold_any_byte(inside: Cli) -> None:
     done = inside("predict", *words, "--format", "npy")
     assert (done.returncode, done.stderr) == (0, b"")
     assert len(done.stdout.splitlines()) == 3
-    told = inside("predict", *words, "--format", "npy", "--json")
-    assert [os.fsencode(json.loads(line)["input"]) for line in told.stdout.splitlines()] == names
+    named = inside("predict", *words, "--format", "npy", "--json")
+    assert [os.fsencode(json.loads(line)["input"]) for line in named.stdout.splitlines()] == names
     inside("predict", *words, "--format", "npy", PYTHONIOENCODING="ascii", code=0)
     inside("predict", *words, "--format", "html", code=0)
     outputs = {os.fsencode(name) for name in here(inside) if name.endswith(".npy")}

@@ -97,10 +97,10 @@ def test_depth_is_that_of_the_bright_image(
     command: str, option: tuple[str, str], plates: Path, inside: Cli
 ) -> None:
     assert plates.is_dir()
-    wanted = exr_depths(inside, command, "alone")
-    assert len(wanted) == 2
-    assert np.abs(wanted - exr_depths(inside, command, "layers")).max() > 0.1
-    np.testing.assert_allclose(exr_depths(inside, command, "layers", *option), wanted, rtol=1e-5)
+    expected = exr_depths(inside, command, "alone")
+    assert len(expected) == 2
+    assert np.abs(expected - exr_depths(inside, command, "layers")).max() > 0.1
+    np.testing.assert_allclose(exr_depths(inside, command, "layers", *option), expected, rtol=1e-5)
 
 
 def test_a_layer_that_is_not_there_is_an_error(plates: Path, inside: Cli) -> None:

@@ -39,13 +39,13 @@ def scene(inside: Cli) -> Cli:
     points, lines = [], []
     for number, (name, low) in enumerate(NAMES.items(), 1):
         write_image(inside.folder / "images" / name, ramp(low))
-        depth, seen = true_depth(low), []
+        depth, views = true_depth(low), []
         for y, x in np.ndindex(5, 6):
             row, column = 4 + 9 * y, 4 + 10 * x
             z = depth[row, column]
             points.append(f"{len(points) + 1} {(column - 32) * z / 50} {(row - 24) * z / 50} {z}")
-            seen.append(f"{column + 0.5} {row + 0.5} {len(points)}")
-        lines += [f"{number} 1 0 0 0 0 0 0 1 {name}", " ".join(seen)]
+            views.append(f"{column + 0.5} {row + 0.5} {len(points)}")
+        lines += [f"{number} 1 0 0 0 0 0 0 1 {name}", " ".join(views)]
     folder = inside.folder / "sparse/0"
     folder.mkdir(parents=True)
     (folder / "cameras.txt").write_text(f"1 PINHOLE {WIDTH} {HEIGHT} 50 50 32.5 24.5\n")
@@ -79,8 +79,8 @@ def test_gaussian_splatting_reads_the_true_inverse_depth(scene: Cli) -> None:
         first[name] = inverse
     (depths / "hall/b.png").unlink()  # only it is made again
     again = scene(*BATCH, "-o", "depths", "--layout", "3dgs", "--sidecar", "--json", code=0)
-    kept = {row["input"]: row["kept"] for row in map(json.loads, again.stdout.splitlines())}
-    assert kept == {"a.png": True, "hall/b.jpg": False}
+    is_kept = {row["input"]: row["kept"] for row in map(json.loads, again.stdout.splitlines())}
+    assert is_kept == {"a.png": True, "hall/b.jpg": False}
     inverse = gaussian_splatting_inverse_depth(depths, depths / "depth_params.json", "hall/b.jpg")
     np.testing.assert_array_equal(inverse, first["hall/b.jpg"])
 

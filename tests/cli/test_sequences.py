@@ -275,8 +275,8 @@ def write_images(folder: Path, numbers: Iterable[int]) -> None:
 def test_the_order_and_numbers_of_a_folder(names: str, expected: str, tmp_path: Path) -> None:
     for name in names.split():
         (tmp_path / f"{name}.png").touch()
-    found = find_images(tmp_path)
-    assert " ".join(f"{file.number}:{file.path.stem}" for file in found) == expected
+    images = find_images(tmp_path)
+    assert " ".join(f"{file.number}:{file.path.stem}" for file in images) == expected
 
 
 @pytest.mark.parametrize(

@@ -48,9 +48,9 @@ class Server(NamedTuple):
         connection = http.client.HTTPConnection(self.address, timeout=60)
         connection.request("GET" if body is None else "POST", path, body, dict(headers or {}))
         reply = connection.getresponse()
-        found = Reply(reply.status, reply.headers, reply.read())
+        answer = Reply(reply.status, reply.headers, reply.read())
         connection.close()
-        return found
+        return answer
 
     def predict(
         self, image: bytes, headers: Mapping[str, str] | None = None, **query: str
@@ -131,11 +131,11 @@ def test_accepts_a_form_and_anchors(cli: Cli) -> None:
         field = b'--x\r\nContent-Disposition: form-data; name="format"\r\n\r\nexr\r\n'
         mixed = server.predict(field + form, kind)
         assert (mixed.status, b"query" in mixed.body) == (400, True)
-        asked = server.predict(form, kind, anchor="3,4,2.5", anchors_fit="network")
+        answer = server.predict(form, kind, anchor="3,4,2.5", anchors_fit="network")
     (cli.folder / "a.npy").write_bytes(reply.body)
     assert np.load(cli.folder / "a.npy")[4, 3] == pytest.approx(2.5)
     assert json.loads(reply.headers["Depth-Facts"])["anchors"]["fit"] == "global"
-    assert json.loads(asked.headers["Depth-Facts"])["anchors"]["fit"] == "network"
+    assert json.loads(answer.headers["Depth-Facts"])["anchors"]["fit"] == "network"
 
 
 def test_known_depth_comes_as_a_file_in_the_form(cli: Cli, inside: Cli) -> None:
@@ -150,11 +150,11 @@ def test_known_depth_comes_as_a_file_in_the_form(cli: Cli, inside: Cli) -> None:
         for name, (data, more) in files.items():
             (inside.folder / name.lower()).write_bytes(data)
             words = ("--anchors", name.lower(), "--anchors-fit", "global", "--format", "npy", *more)
-            wanted = inside("predict", "image.png", "-o", "-", *words).stdout
+            expected = inside("predict", "image.png", "-o", "-", *words).stdout
             form, kind = form_of(image=("a.png", png()), anchors=(name, data))
             query = {"anchors_scale": "2000"} if "PNG" in name else {}
             reply = server.predict(form, kind, format="npy", anchors_fit="global", **query)
-            assert (reply.status, reply.body) == (200, wanted)
+            assert (reply.status, reply.body) == (200, expected)
         form, kind = form_of(image=("a.png", png()), anchors=("../../etc/passwd", b"root"))
         assert server.predict(form, kind).status == 422
         form, kind = form_of(anchors=("a.csv", files["a.csv"][0]))
@@ -314,11 +314,11 @@ def test_a_connection_stays_open_for_proxies_that_use_it_again(cli: Cli) -> None
 
 def test_a_signal_lets_requests_end_that_have_begun(cli: Cli) -> None:
     with serving(cli) as server, ThreadPoolExecutor(1) as pool:
-        asked = pool.submit(server.predict, LARGE)
+        answer = pool.submit(server.predict, LARGE)
         while json.loads(server.ask("/health").body)["in_flight"] == 0:
             pass
         server.process.send_signal(signal.SIGTERM)
-        assert asked.result().status == 200
+        assert answer.result().status == 200
         assert server.process.wait(30) == 128 + signal.SIGTERM
 
 

@@ -103,19 +103,19 @@ def test_control_characters_are_escaped(capsys: pytest.CaptureFixture[str]) -> N
 
 def test_a_batch_has_a_bar_on_a_terminal(cli: Cli) -> None:
     tree(cli, "a.png", "b.png", "c.png")
-    code, shown = cli.on_a_terminal("batch", "in", "--out", "out")
+    code, output = cli.on_a_terminal("batch", "in", "--out", "out")
     assert code == 0
-    assert "3/3" in shown
-    assert re.search(r"\d inputs/s +0:00:00 to go", shown)
+    assert "3/3" in output
+    assert re.search(r"\d inputs/s +0:00:00 to go", output)
 
 
 @pytest.mark.parametrize("words", [("--quiet",), ("--json",)])
 def test_no_bar_for_machines(cli: Cli, words: tuple[str, ...]) -> None:
     tree(cli, "a.png")
-    code, shown = cli.on_a_terminal("batch", "in", "--out", "out", *words)
+    code, output = cli.on_a_terminal("batch", "in", "--out", "out", *words)
     assert code == 0
-    assert "to go" not in shown
-    assert "1/1" not in shown
+    assert "to go" not in output
+    assert "1/1" not in output
 
 
 def test_elsewhere_a_line_is_said_now_and_then(
@@ -124,8 +124,8 @@ def test_elsewhere_a_line_is_said_now_and_then(
     monkeypatch.setattr(console, "_LINE_EVERY_S", 0)
     with ScreenOptions().show_progress() as drawing:
         drawing.begin("a.mp4", 4, "frames")(2)
-    said = capsys.readouterr().err
-    assert re.fullmatch(r"a\.mp4: 2/4  \d+\.\d frames/s  \d+:\d\d:\d\d to go\n", said)
+    stderr = capsys.readouterr().err
+    assert re.fullmatch(r"a\.mp4: 2/4  \d+\.\d frames/s  \d+:\d\d:\d\d to go\n", stderr)
 
 
 ENDLESS_S = 3
@@ -133,8 +133,8 @@ ENDLESS_S = 3
 
 
 def _processor_time_s(pid: int) -> int:
-    shown = subprocess.run(["ps", "-o", "time=", "-p", str(pid)], capture_output=True, check=True)
-    hours, minutes, seconds = map(int, shown.stdout.split(b":"))
+    done = subprocess.run(["ps", "-o", "time=", "-p", str(pid)], capture_output=True, check=True)
+    hours, minutes, seconds = map(int, done.stdout.split(b":"))
     return hours * 3600 + minutes * 60 + seconds
 
 
@@ -148,9 +148,9 @@ def test_a_network_that_never_ends_does_not_outlive_ctrl_c(cli: Cli, command: st
     while time.monotonic() < until and _processor_time_s(process.pid) < ENDLESS_S:
         time.sleep(0.1)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=20)
+    _, stderr = process.communicate(timeout=20)
     assert process.returncode == 130
-    assert b"resume" in said if command == "batch" else not said
+    assert b"resume" in stderr if command == "batch" else not stderr
     assert not list(cli.folder.glob("out/*.png"))
 
 

@@ -97,10 +97,10 @@ def test_signatures_and_passwords_are_not_shown(inside: Cli, bucket: Bucket) -> 
     for words in (["predict", signed], ["batch", "--files", "list.txt"]):
         (inside.folder / "list.txt").write_text(f"{signed}\n{signed.replace('a.png', 'b.png')}\n")
         done = inside(*words, "-o", "out/", "--json")
-        said = done.stdout + done.stderr
-        assert b"127.0.0.1" in said
+        output = done.stdout + done.stderr
+        assert b"127.0.0.1" in output
         for secret in (b"Signature", b"word", *map(str.encode, KEYS.values())):
-            assert secret not in said
+            assert secret not in output
         for path in (inside.folder / "out").rglob("*"):
             assert path.is_dir() or b"Signature" not in path.read_bytes()
     assert (inside.folder / "out" / "a.depth.png").exists()

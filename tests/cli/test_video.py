@@ -177,8 +177,8 @@ def test_stretched_frames_have_no_scale(inside: Cli) -> None:
 
 def test_the_principal_point_is_stored_and_makes_the_same_points(inside: Cli) -> None:
     write_video(inside.folder / "clip.avi", flat_frames(range(2)))
-    given = ("--centre-px", "20.1,-3.25", "--hfov", "60", "--sidecar", "--json")
-    options = (*given, "--model", os.fspath(write_model(inside.folder / "m", camera=CAMERA)))
+    camera = ("--centre-px", "20.1,-3.25", "--hfov", "60", "--sidecar", "--json")
+    options = (*camera, "--model", os.fspath(write_model(inside.folder / "m", camera=CAMERA)))
     done = inside("video", "clip.avi", "--out", "mkv/", "--format", "mkv", *options)
     assert [facts["centre_px"] for facts in printed(done)] == [[20.1, -3.25]]
     done = inside("video", "clip.avi", "--out", "npy/", "--format", "npy", *options, code=0)

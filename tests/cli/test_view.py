@@ -54,9 +54,9 @@ def test_map_without_metres_makes_no_page(inside: Cli, files: Path) -> None:
 
 def test_each_format_is_written_by_predict_and_convert(inside: Cli, files: Path) -> None:
     formats = ("glb", "ply", "html", "normals", "stereo")
-    asked = [word for name in formats for word in ("--format", name)]
+    options = [word for name in formats for word in ("--format", name)]
     write_image(files / "hall.png")
-    assert inside("predict", "hall.png", *asked, "--faces", "--stride", "2").returncode == 0
+    assert inside("predict", "hall.png", *options, "--faces", "--stride", "2").returncode == 0
     names = ("glb", "ply", "html", "normals.png", "stereo.png")
     for name, suffix in zip(formats, names, strict=True):
         assert (files / f"hall.{suffix}").stat().st_size > 0
@@ -91,7 +91,7 @@ def test_video_is_a_stereo_video_and_numbered_normals(inside: Cli, files: Path) 
     options = ("--format", "stereo", "--format", "normals", "--hfov", "60")
     inside("video", "clip.avi", *options, code=0)
     normals = [cv2.imread(str(path), -1) for path in sorted(files.glob("clip.normals.*.png"))]
-    assert [one.dtype for one in normals] == [np.uint16] * 3
+    assert [normal.dtype for normal in normals] == [np.uint16] * 3
 
 
 @pytest.mark.parametrize(
@@ -126,8 +126,8 @@ def test_notebooks_show_maps_and_pages(tmp_path: Path) -> None:
         DepthMap(values, provenance=Provenance(focal_px=20.0)),
         Frame(np.zeros((12, 16, 3), np.uint8)),
     )
-    shown = cv2.imdecode(np.frombuffer(depth._repr_png_(), np.uint8), cv2.IMREAD_COLOR)
-    np.testing.assert_array_equal(shown[..., ::-1], depth.colorize())
+    image = cv2.imdecode(np.frombuffer(depth._repr_png_(), np.uint8), cv2.IMREAD_COLOR)
+    np.testing.assert_array_equal(image[..., ::-1], depth.colorize())
     with pytest.warns(depthcli.DepthcliWarning):
         page = depthcli.DepthMap(values).view()
     assert page.html.startswith("<!doctype html>")

@@ -43,8 +43,8 @@ def images(folder: Path) -> None:
 
 def outputs(folder: Path) -> dict[str, bytes]:
     """All but the manifest, whose seconds differ."""
-    found = contents(folder).items()
-    return {name: data for name, data in found if name != "manifest.jsonl"}
+    files = contents(folder).items()
+    return {name: data for name, data in files if name != "manifest.jsonl"}
 
 
 def kept(folder: Path, out: str = "out", options: BatchOptions | None = None) -> dict[str, bool]:

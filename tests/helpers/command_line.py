@@ -53,8 +53,8 @@ class Cli:
     def environment(self) -> dict[str, str]:
         """The wheel first; the tests' own folder is never on the path."""
         home = str(self.folder.parent / "home")  # the tester's own models and profiles stay out
-        own = {"DEPTHCLI_MODELS": str(self.models), "XDG_DATA_HOME": home, "XDG_CONFIG_HOME": home}
-        return {**os.environ, "PYTHONPATH": str(self.site), **own}
+        env = {"DEPTHCLI_MODELS": str(self.models), "XDG_DATA_HOME": home, "XDG_CONFIG_HOME": home}
+        return {**os.environ, "PYTHONPATH": str(self.site), **env}
 
     def __call__(
         self,
@@ -113,11 +113,11 @@ class Cli:
                 env={**self.environment, "TERM": "xterm", **environment},
             )
             os.close(theirs)
-            shown = b""
+            output = b""
             with contextlib.suppress(OSError):  # how a closed terminal reads on Linux
                 while piece := terminal.read(4096):
-                    shown += piece
-        return process.wait(timeout=60), shown.decode()
+                    output += piece
+        return process.wait(timeout=60), output.decode()
 
     def command(self, *arguments: str | os.PathLike[str]) -> list[str]:
         """The words of a command, for tests that start the process themselves."""
@@ -130,13 +130,13 @@ class InProcess(Cli):
     def run(
         self, arguments: Sequence[str | os.PathLike[str]], stdin: bytes, environment: dict[str, str]
     ) -> subprocess.CompletedProcess[bytes]:
-        given, out, err = BytesIO(stdin), BytesIO(), BytesIO()
+        stream_in, out, err = BytesIO(stdin), BytesIO(), BytesIO()
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(self.folder)
             for name, value in {**self.environment, **environment}.items():
                 patch.setenv(name, value)
-            for name, stream in (("stdin", given), ("stdout", out), ("stderr", err)):
+            for name, stream in (("stdin", stream_in), ("stdout", out), ("stderr", err)):
                 patch.setattr(sys, name, TextIOWrapper(stream, "utf-8", write_through=True))
             code = main([os.fspath(word) for word in arguments])
-            said = out.getvalue(), err.getvalue()
-        return subprocess.CompletedProcess(arguments, code, *said)
+            outputs = out.getvalue(), err.getvalue()
+        return subprocess.CompletedProcess(arguments, code, *outputs)

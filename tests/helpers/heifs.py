@@ -17,12 +17,12 @@ def heic(*images: npt.NDArray[Any], **options: Any) -> bytes:
 
     Options are those of pillow-heif, such as ``exif`` and ``tile_size``.
     """
-    made = pillow_heif.HeifFile()
+    container = pillow_heif.HeifFile()
     for image in images:
         height, width = image.shape[:2]
         mode = _MODES[image.shape[2] if image.ndim == 3 else 1]
         mode += ";16" if image.dtype == np.uint16 else ""
-        made.add_frombytes(mode, (width, height), np.ascontiguousarray(image).tobytes())
+        container.add_frombytes(mode, (width, height), np.ascontiguousarray(image).tobytes())
     file = io.BytesIO()
-    made.save(file, **{"quality": 90, "chroma": 444, **options})
+    container.save(file, **{"quality": 90, "chroma": 444, **options})
     return file.getvalue()

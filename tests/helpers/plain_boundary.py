@@ -45,10 +45,10 @@ def edge_f1(truth: Map, predicted: Map, valid: Mask) -> float:
     total = 0.0
     for ratio in np.linspace(1.05, 1.25, 10):
         recalls, precisions = [], []
-        for one, other in (ACROSS, ACROSS[::-1], DOWN, DOWN[::-1]):
-            both = valid[one] & valid[other]
+        for offset, other in (ACROSS, ACROSS[::-1], DOWN, DOWN[::-1]):
+            both = valid[offset] & valid[other]
             is_true, is_predicted = (
-                both & (depth_m[one] / depth_m[other] > ratio) for depth_m in (truth, predicted)
+                both & (depth_m[offset] / depth_m[other] > ratio) for depth_m in (truth, predicted)
             )
             hits = (is_true & is_predicted).sum()
             recalls.append(hits / max(is_true.sum(), 1))

@@ -58,7 +58,7 @@ def written(path: Path) -> tuple[Box, Box, float, np.ndarray[Any, Any]]:
     """Data window, display window, pixel aspect and depth of a file, as OpenEXR reads it."""
     file = OpenEXR.File(str(path))
     header = file.header()
-    boxes = [tuple(map(int, np.ravel(header[f"{which}Window"]))) for which in ("data", "display")]
+    boxes = [tuple(map(int, np.ravel(header[f"{window}Window"]))) for window in ("data", "display")]
     return (*boxes, header["pixelAspectRatio"], file.channels()["Y"].pixels)
 
 

@@ -49,7 +49,7 @@ class Bucket:
 
     def names(self) -> list[str]:
         pages = self.client.get_paginator("list_objects_v2").paginate(Bucket=self.name)
-        return [found["Key"] for page in pages for found in page.get("Contents", ())]
+        return [entry["Key"] for page in pages for entry in page.get("Contents", ())]
 
     def objects(self) -> dict[str, bytes]:
         return {
@@ -126,11 +126,11 @@ class Faults(Server):
         behind = HTTPConnection(self.behind, timeout=30)
         headers = {name: value for name, value in request.headers.items() if name.lower() != "host"}
         behind.request(request.command, request.path, body, headers | {"Host": self.behind})
-        found = behind.getresponse()
-        data = found.read()
-        stated = len(data) or int(found.headers.get("content-length", 0))
-        kept = {k: v for k, v in found.getheaders() if k.lower() not in _HOP}
-        _send(request, found.status, kept, data[: len(data) // 2] if fault else data, stated)
+        reply = behind.getresponse()
+        data = reply.read()
+        size = len(data) or int(reply.headers.get("content-length", 0))
+        fields = {k: v for k, v in reply.getheaders() if k.lower() not in _HOP}
+        _send(request, reply.status, fields, data[: len(data) // 2] if fault else data, size)
         request.close_connection = fault is not None
         behind.close()
 

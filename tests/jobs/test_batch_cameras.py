@@ -54,24 +54,24 @@ def test_each_image_has_its_own_camera(tmp_path: Path, batch_size: int) -> None:
         (Format.NPY, Format.PNG16, Format.EXR, Format.PLY, Format.JSON),
         camera=Intrinsics(centre_px=(1.0, 2.0)),
     )
-    wanted = replace(with_table(tmp_path, table, options=options), batch_size=batch_size)
-    rows = {result.row.input: result.row for result in Batch(wanted)}
+    job = replace(with_table(tmp_path, table, options=options), batch_size=batch_size)
+    rows = {result.row.input: result.row for result in Batch(job)}
     assert {name: row.camera for name, row in rows.items()} == {
         "a.png": "hfov 43.6° (given)",
         "z.png": "hfov 60.0° (assumed, from the model's card)",
         "hall/b.png": "hfov 90.0° (given)",
     }
-    stated = json.loads((tmp_path / "out/a.depth.json").read_text())
-    assert (stated["focal_px"], stated["centre_px"]) == (40, [3.5, -2])
-    assert stated["camera_source"] == "option"
+    facts = json.loads((tmp_path / "out/a.depth.json").read_text())
+    assert (facts["focal_px"], facts["centre_px"]) == (40, [3.5, -2])
+    assert facts["camera_source"] == "option"
     assert focal_px(tmp_path / "out/a.depth.png") == pytest.approx(40)
-    own = {
+    cameras = {
         "a": Intrinsics(40.0, centre_px=(3.5, -2.0)),
         "hall/b": Intrinsics(hfov_deg=90.0, centre_px=(1.0, 2.0)),  # that of the batch
         "z": Intrinsics(centre_px=(12.0, 10.0)),
     }
     together = outputs(tmp_path / "out")
-    for name, camera in own.items():
+    for name, camera in cameras.items():
         list(Batch(request(tmp_path, "alone", replace(options, camera=camera))))
         for suffix in ("depth.npy", "depth.png", "depth.exr", "ply", "depth.json"):
             output = f"{name}.{suffix}"

@@ -55,14 +55,14 @@ def test_a_batch_that_is_left_goes_on(tmp_path: Path) -> None:
     images(tmp_path)
     with closing(Batch(request(tmp_path))) as batch:
         first = next(batch)
-    told = {first.row.input, *(result.row.input for result in batch.late)}
-    assert batch.tally.completed == len(told)
+    names = {first.row.input, *(result.row.input for result in batch.late)}
+    assert batch.tally.completed == len(names)
     stale = next(tmp_path.rglob("*.depth.png")).with_name(".depthcli-0123456789abcdef.png")
     stale.touch()
     resumed = Batch(request(tmp_path))
     assert not stale.exists()  # before anything is written: it may have filled the disk
     again = list(resumed)
-    assert {result.row.input for result in again if result.is_kept} == told
+    assert {result.row.input for result in again if result.is_kept} == names
     assert [result.row.input for result in again] == list(NAMES)
     assert all(result.is_kept for result in Batch(request(tmp_path)))
     other = request(tmp_path, options=BatchOptions(writing=WriterOptions(png_scale=256.0)))
@@ -101,14 +101,14 @@ class LastFirst:
 def test_images_at_once_are_one_or_several_on_a_gpu_or_as_many_as_asked(
     tmp_path: Path, provider: str, asked: int | None, sizes: list[int]
 ) -> None:
-    found: list[int] = []
+    counts: list[int] = []
 
     class Sized(LastFirst):
         def run(
             self, spec: WorkerSpec, chunks: Iterable[Sequence[BatchTask]], *rest: Any
         ) -> Generator[BatchResult, None, None]:
             held = list(chunks)
-            found.extend(map(len, held))
+            counts.extend(map(len, held))
             return super().run(spec, held, *rest)
 
     (tmp_path / "in").mkdir()
@@ -118,7 +118,7 @@ def test_images_at_once_are_one_or_several_on_a_gpu_or_as_many_as_asked(
     session = job.model.load()
     session.provider = provider
     assert len(list(Batch(job, session, engine=Sized()))) == GPU_BATCH + 1
-    assert found == sizes
+    assert counts == sizes
 
 
 def test_recorded_results_are_in_the_manifest_after_close(tmp_path: Path) -> None:
@@ -160,11 +160,11 @@ def test_pixel_limit_holds_in_dry_run_and_batch(tmp_path: Path) -> None:
 def test_session_warning_is_printed_once_a_batch(tmp_path: Path) -> None:
     images(tmp_path)
     (tmp_path / "in" / "a.cr2").touch()
-    asked = request(tmp_path)
-    session = asked.model.load()
+    job = request(tmp_path)
+    session = job.model.load()
     session.warnings = ("runs on cpu",)
-    batch = Batch(asked, session)
-    assert batch.warnings == (*asked.plan.warnings, "runs on cpu")
+    batch = Batch(job, session)
+    assert batch.warnings == (*job.plan.warnings, "runs on cpu")
     assert len(batch.warnings) == 2
     assert not any(result.row.warnings for result in batch)
 

@@ -82,9 +82,9 @@ def test_a_killed_process_ends_the_batch_which_resumes(folder: Path) -> None:
 
 
 def test_errors_of_a_process_are_those_of_its_worker(folder: Path) -> None:
-    wanted = in_processes(folder)
-    spec = WorkerSpec(wanted.model, "0" * 64, wanted.options, wanted.plan.out)
-    here = wanted.model.load()
+    request_ = in_processes(folder)
+    spec = WorkerSpec(request_.model, "0" * 64, request_.options, request_.plan.out)
+    here = request_.model.load()
     worker = replace(spec, model_sha256=here.model.sha256).build(here)
     with (
         WorkerProcesses(spec, 1, 1, worker) as processes,
@@ -128,9 +128,9 @@ def test_a_signal_to_the_whole_group_is_no_error(
     else:
         time.sleep(0.3)  # they import
     os.killpg(process.pid, number)
-    said = process.communicate()[1]
+    stderr = process.communicate()[1]
     assert process.returncode == 128 + number
-    assert not re.search("Traceback|Interrupt|worker", said)
+    assert not re.search("Traceback|Interrupt|worker", stderr)
     done = [name for name, is_kept in kept(folder).items() if is_kept]
     assert done or number == signal.SIGINT
     assert len(done) < MANY

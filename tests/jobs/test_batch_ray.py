@@ -60,7 +60,7 @@ def inputs(folder: Path) -> None:
 
 def worker_pids() -> list[int]:
     """Processes of this process's cluster that do images."""
-    found = []
+    pids = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             name = (folder / "cmdline").read_text()
@@ -69,8 +69,8 @@ def worker_pids() -> list[int]:
         except (OSError, ValueError):
             continue
         if name.startswith("ray::RemoteWorker") and above == os.getpid():
-            found.append(int(folder.name))
-    return found
+            pids.append(int(folder.name))
+    return pids
 
 
 def with_a_camera(folder: Path, out: str = "out") -> BatchRequest:
@@ -87,11 +87,11 @@ def assert_same(folder: Path, results: Sequence[BatchResult], by_threads: BatchR
     names = Counter(result.row.input for result in results)
     assert names == Counter(result.row.input for result in alone)
     assert outputs(folder / "out") == outputs(folder / "alone")
-    rows, own = (
+    rows, reference = (
         [replace(row, seconds=0) for row in read_rows(folder / out)] for out in ("alone", "out")
     )
-    assert own == rows
-    assert [row.input for row in own if row.status == FAILED] == ["bad.png"]
+    assert reference == rows
+    assert [row.input for row in reference if row.status == FAILED] == ["bad.png"]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are found in /proc")
@@ -105,8 +105,8 @@ def test_a_worker_that_is_killed_costs_nothing(tmp_path: Path, engine: RayEngine
                 (tmp_path / "out" / "0" / ".depthcli-0123456789abcdef.png").touch()  # it may leave
             results.append(result)
     assert_same(tmp_path, results, with_a_camera(tmp_path, "alone"))
-    given = [one.row.input for one in results if "(given)" in str(one.row.camera)]
-    assert given == ["0/00.png"]
+    names = [entry.row.input for entry in results if "(given)" in str(entry.row.camera)]
+    assert names == ["0/00.png"]
     again = list(Batch(with_a_camera(tmp_path)))  # by threads: an engine is no other option
     assert [result.row.input for result in again if not result.is_kept] == ["bad.png"]
 
@@ -145,9 +145,9 @@ def test_unusable_worker_setup_ends_the_batch(
     line: str,
 ) -> None:
     inputs(tmp_path)
-    one = Changed(RayEngine(cluster, workers=1), kind, **changes)
+    changed = Changed(RayEngine(cluster, workers=1), kind, **changes)
     with pytest.raises(error, match=line) as raised:
-        list(Batch(request(tmp_path), engine=one))
+        list(Batch(request(tmp_path), engine=changed))
     assert "\n" not in str(raised.value)
 
 
@@ -162,8 +162,8 @@ def test_a_driver_that_is_killed_goes_on(tmp_path: Path, cluster: str, engine: R
         driver.kill()
     journal = (tmp_path / "out" / ".depthcli-batch.jsonl").read_bytes()
     results = list(Batch(request(tmp_path), engine=engine))
-    kept = sum(result.is_kept for result in results)
-    assert 1 <= kept <= journal.count(b"\n") < COUNT
+    kept_count = sum(result.is_kept for result in results)
+    assert 1 <= kept_count <= journal.count(b"\n") < COUNT
     assert_same(tmp_path, results, request(tmp_path, "alone"))
 
 

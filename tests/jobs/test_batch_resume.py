@@ -88,10 +88,10 @@ def test_another_network_for_known_depth_does_again_what_it_made(
     five = tuple(Anchor(8 * n + 5, 7 * n + 4, 2 + n) for n in range(5))
 
     def is_kept(fit: DepthFit | None = None) -> bool:
-        asked = request(
+        job = request(
             tmp_path, "local" if fit else "out", BatchOptions(anchors=five, anchors_fit=fit)
         )
-        (result,) = Batch(replace(asked, model=SessionLoader(None, "cpu")))
+        (result,) = Batch(replace(job, model=SessionLoader(None, "cpu")))
         assert result.row.error is None
         return result.is_kept
 
@@ -164,10 +164,8 @@ def test_failed_rows_of_files_left_out_stay(tmp_path: Path, is_part: bool) -> No
     bad.unlink()
     again = request(tmp_path)
     if is_part:
-        wanted = NameFilter.of(["a.png"], [])
-        again = replace(
-            again, plan=plan_folder(str(tmp_path / "in"), str(tmp_path / "out"), wanted)
-        )
+        names = NameFilter.of(["a.png"], [])
+        again = replace(again, plan=plan_folder(str(tmp_path / "in"), str(tmp_path / "out"), names))
     list(Batch(again))
     assert (known_rows(tmp_path / "out").row("bad.png") is not None) is is_part
 
@@ -216,20 +214,20 @@ def test_a_video_whose_name_is_no_longer_shared_is_done_again(tmp_path: Path) ->
 def test_resume_ignores_options_without_effect_on_output(tmp_path: Path) -> None:
     write_image(tmp_path / "in" / "a.png")
     write_video(tmp_path / "in" / "b.mp4", flat_frames(range(3)))
-    asked = BatchOptions((Format.PNG16, Format.EXR))
-    assert kept(tmp_path, options=asked) == {"a.png": False, "b.mp4": False}
+    options = BatchOptions((Format.PNG16, Format.EXR))
+    assert kept(tmp_path, options=options) == {"a.png": False, "b.mp4": False}
     limited = BatchOptions((Format.EXR, Format.PNG16), max_pixels=10**6)
     assert kept(tmp_path, options=limited) == {"a.png": True, "b.mp4": True}
-    found = request(tmp_path, options=asked)
-    auto = replace(found, model=SessionLoader(found.model.model, threads=2))
+    job = request(tmp_path, options=options)
+    auto = replace(job, model=SessionLoader(job.model.model, threads=2))
     assert all(result.is_kept for result in Batch(auto))
 
 
 def test_an_image_that_is_named_like_a_frame_is_not_done_again(tmp_path: Path) -> None:
     write_image(tmp_path / "in" / "shot.depth.000123.jpg")
-    asked = BatchOptions((Format.PLY, Format.JSON))
+    options = BatchOptions((Format.PLY, Format.JSON))
     for is_kept in (False, True):
-        assert kept(tmp_path, options=asked) == {"shot.depth.000123.jpg": is_kept}
+        assert kept(tmp_path, options=options) == {"shot.depth.000123.jpg": is_kept}
 
 
 def request_of(folder: Path, inputs: str) -> BatchRequest:
@@ -249,12 +247,12 @@ def test_input_of_another_folder_stops_the_batch(tmp_path: Path, formats: tuple[
     before = made_from_in(tmp_path)
     other = write_image(tmp_path / "other" / "a.png", synthetic_image(24, 40))
     options = BatchOptions(tuple(map(Format, formats)))
-    asked = replace(request_of(tmp_path, "other"), options=options)
+    job = replace(request_of(tmp_path, "other"), options=options)
     with pytest.raises(UsageError):
-        list(dry_run(asked, asked.model.load()))
+        list(dry_run(job, job.model.load()))
     for _ in range(2):  # nor does the second attempt
         with pytest.raises(UsageError) as refused:
-            list(Batch(asked))
+            list(Batch(job))
         assert str(tmp_path / "in" / "a.png") in str(refused.value)
         assert str(other) in str(refused.value)
     assert outputs(tmp_path / "out") == before
@@ -280,9 +278,9 @@ def test_a_copy_of_the_folder_resumes(tmp_path: Path) -> None:
 def test_a_folder_that_is_gone_is_no_reason(tmp_path: Path) -> None:
     before = made_from_in(tmp_path)
     write_image(tmp_path / "other" / "a.png", synthetic_image(24, 40))
-    asked = request_of(tmp_path, "other")
+    job = request_of(tmp_path, "other")
     shutil.rmtree(tmp_path / "in")
-    (result,) = Batch(asked)
+    (result,) = Batch(job)
     assert result.row.error is None
     assert outputs(tmp_path / "out") != before
 
@@ -311,29 +309,29 @@ def bad(name: str) -> ManifestRow:
 
 def filled(folder: Path, *rows: ManifestRow, shard: Shard | None = None) -> None:
     journal = Journal(folder, shard or Shard())
-    for one in rows:
-        journal.add(one)
-    journal.finish([one.input for one in rows])
+    for entry in rows:
+        journal.add(entry)
+    journal.finish([entry.input for entry in rows])
 
 
 def test_parts_of_shards_are_summed_up_and_merged(tmp_path: Path) -> None:
     rows = [row(str(number)) for number in range(20)] + [bad("x"), bad("y")]
     for number in (1, 2, 3):
         shard = Shard(number, 3)
-        held = [one for one in rows if shard.holds(one.input)]
+        held = [entry for entry in rows if shard.holds(entry.input)]
         assert held
         filled(tmp_path, *held, shard=shard)
     (tmp_path / ".depthcli-batch-2-of-4.jsonl").write_bytes(row("0", 9.0).as_line())
     for _ in range(2):
-        found = read_rows(tmp_path)
-        counted = summarize(found)
+        merged = read_rows(tmp_path)
+        counted = summarize(merged)
         by = {"model": "tiny", "model_sha256": "1" * 64, "version": "1.0", "inputs": 22}
         assert counted == Summary(22, 2, 20, 240, 18.5, (by,))
-        assert {one.input for one in found if one.status == FAILED} == {"x", "y"}
+        assert {entry.input for entry in merged if entry.status == FAILED} == {"x", "y"}
         assert merge_manifests(tmp_path) == tmp_path / "manifest.jsonl"
         assert [path.name for path in tmp_path.iterdir()] == ["manifest.jsonl"]
-    names = [one.input for one in read_rows(tmp_path)]
-    assert names == sorted(one.input for one in rows)
+    names = [entry.input for entry in read_rows(tmp_path)]
+    assert names == sorted(entry.input for entry in rows)
 
 
 def test_merging_refuses_a_manifest_with_a_cut_row(tmp_path: Path) -> None:

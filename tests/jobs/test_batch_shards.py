@@ -62,11 +62,11 @@ def test_shards_at_the_same_time_are_the_whole(tmp_path: Path) -> None:
 
 def test_a_shard_and_a_whole_batch_keep_each_other_out(tmp_path: Path) -> None:
     images(tmp_path)
-    one, other = Batch(shard_request(tmp_path, 1)), Batch(shard_request(tmp_path, 2))
+    first, other = Batch(shard_request(tmp_path, 1)), Batch(shard_request(tmp_path, 2))
     for refused in (shard_request(tmp_path, 1), request(tmp_path)):
         with pytest.raises(UsageError):
             Batch(refused)
-    one.close()
+    first.close()
     other.close()
     whole = Batch(request(tmp_path))
     with pytest.raises(UsageError):
@@ -116,10 +116,10 @@ def test_skipped_file_is_counted_by_one_shard(tmp_path: Path) -> None:
     images(tmp_path)
     for number in range(9):
         (tmp_path / "in" / f"{number}.txt").touch()
-    told = [shard_request(tmp_path, number + 1).plan.skipped for number in range(COUNT)]
-    assert all(told), "a shard that skips nothing shows nothing"
+    skipped = [shard_request(tmp_path, number + 1).plan.skipped for number in range(COUNT)]
+    assert all(skipped), "a shard that skips nothing shows nothing"
     whole = request(tmp_path).plan.skipped
-    assert sorted(file.name for part in told for file in part) == [file.name for file in whole]
+    assert sorted(file.name for part in skipped for file in part) == [file.name for file in whole]
 
 
 def test_a_shard_without_inputs_is_done(tmp_path: Path) -> None:
@@ -156,9 +156,9 @@ def test_shard_becomes_a_shard_of_depth_with_its_keys(inside: Cli) -> None:
     files = {"a/1.png": png(1), "a/1.mask.png": png(5), "a/1.json": b"{}", "2.png": png(2)}
     write_tar(inside.folder / "s.tar", files)
     inside("batch", "s.tar", "--out", "out", "--format", "png16", "--format", "npy", code=0)
-    found = read_tar(inside.folder / "out" / "s.depth.tar")
-    assert [*found] == ["a/1.depth.png", "a/1.depth.npy", "2.depth.png", "2.depth.npy"]
-    assert found["2.depth.png"] == predicted(inside, 2)
+    members = read_tar(inside.folder / "out" / "s.depth.tar")
+    assert [*members] == ["a/1.depth.png", "a/1.depth.npy", "2.depth.png", "2.depth.npy"]
+    assert members["2.depth.png"] == predicted(inside, 2)
     before = (inside.folder / "out" / "s.depth.tar").read_bytes()
     again = inside(
         "batch", "s.tar", "--out", "out", "--format", "npy", "--format", "png16", "--json"

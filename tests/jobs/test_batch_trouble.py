@@ -66,20 +66,20 @@ def test_of_many_batches_that_begin_at_once_one_writes(tmp_path: Path) -> None:
 def test_a_dry_run_finds_what_would_not_be_replaced(tmp_path: Path) -> None:
     images(tmp_path)
     write_image(tmp_path / "out" / "a.depth.png")
-    asked = request(tmp_path)
-    would = {name: error for _, name, _, error in dry_run(asked, asked.model.load())}
-    became = {result.row.input: result.row.error for result in Batch(asked)}
+    job = request(tmp_path)
+    would = {name: error for _, name, _, error in dry_run(job, job.model.load())}
+    became = {result.row.input: result.row.error for result in Batch(job)}
     assert would == became
     assert [name for name, error in would.items() if error] == ["a.png"]
 
 
 def test_unreadable_folder_fails_with_its_reason(tmp_path: Path) -> None:
     images(tmp_path)
-    asked = request(tmp_path)
+    job = request(tmp_path)
     closed = InputFile("hall", f"{tmp_path}/in/hall", "in/hall cannot be listed: closed")
-    asked = replace(asked, plan=replace(asked.plan, inputs=(*asked.plan.inputs, closed)))
-    would = {name: error for _, name, _, error in dry_run(asked, asked.model.load())}
-    became = {result.row.input: result.row.error for result in Batch(asked)}
+    job = replace(job, plan=replace(job.plan, inputs=(*job.plan.inputs, closed)))
+    would = {name: error for _, name, _, error in dry_run(job, job.model.load())}
+    became = {result.row.input: result.row.error for result in Batch(job)}
     assert would == became == dict.fromkeys(NAMES) | {"hall": closed.problem}
 
 
@@ -121,8 +121,8 @@ def test_a_file_that_disappears_after_it_was_listed_stops_no_other(tmp_path: Pat
     images(tmp_path)
     batch = Batch(request(tmp_path))
     (tmp_path / "in" / "z.png").unlink()
-    seen = {result.row.input: result.row.error for result in batch}
-    assert seen == dict.fromkeys(NAMES) | {"z.png": f"{tmp_path}/in/z.png is missing: no such file"}
+    ends = {result.row.input: result.row.error for result in batch}
+    assert ends == dict.fromkeys(NAMES) | {"z.png": f"{tmp_path}/in/z.png is missing: no such file"}
 
 
 GOOD, BAD, LATE = ("a", "b"), 100, ("x", "y", "z")
@@ -148,8 +148,8 @@ def ended(folder: Path, budget: int | None) -> Batch:
 def test_the_first_failure_beyond_the_budget_stops(tmp_path: Path) -> None:
     half_good(tmp_path)
     batch = ended(tmp_path, 3)
-    told = [name for name, _ in batch.tally.failures][:4]
-    assert told == ["m000.png", "m001.png", "m002.png", "m003.png"]
+    names = [name for name, _ in batch.tally.failures][:4]
+    assert names == ["m000.png", "m001.png", "m002.png", "m003.png"]
     assert batch.stopped
     lines = (tmp_path / "out" / "manifest.jsonl").read_bytes().splitlines()
     rows = [row for row in map(parse_row, lines) if row]
@@ -187,8 +187,8 @@ def test_the_command_says_why_it_stopped(inside: Cli) -> None:
 def pair(tmp_path: Path) -> tuple[Path, Path]:
     """Two images, of which one lies where the other's depth goes."""
     folder = tmp_path / "in" / "hall"
-    one = write_image(folder / "a.png", synthetic_image(24, 32))
-    return one, write_image(folder / "a.depth.png", synthetic_image(24, 33))
+    image = write_image(folder / "a.png", synthetic_image(24, 32))
+    return image, write_image(folder / "a.depth.png", synthetic_image(24, 33))
 
 
 def test_predict_replaces_no_input_that_links_lead_to(
@@ -300,11 +300,11 @@ def test_absolute_paths_have_one_name_anywhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     paths = [write_image(tmp_path / "in" / f"{name}.png") for name in "abcdef"]
-    words, found = [*map(str, paths)], list[str]()
+    words, names = [*map(str, paths)], list[str]()
     for number, folder in ((1, tmp_path), (2, tmp_path / "in")):
         monkeypatch.chdir(folder)
         plan = plan_files(words, "mine", None, str(tmp_path / "out"), shard=Shard(number, 2))
-        found += [file.name for file in plan.inputs]
-    assert sorted(found) == [word.removeprefix("/") for word in words]
+        names += [file.name for file in plan.inputs]
+    assert sorted(names) == [word.removeprefix("/") for word in words]
     plan = plan_files(["a.png", "../in/b.png"], "mine", None, str(tmp_path / "out"))
     assert [file.name for file in plan.inputs] == ["a.png", "b.png"]

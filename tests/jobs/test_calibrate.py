@@ -75,10 +75,10 @@ def test_uses_a_shift_if_it_helps_on_images_left_out(pipeline: Pipeline, tmp_pat
 
 def test_an_object_of_known_height_gives_its_depth(pipeline: Pipeline, tmp_path: Path) -> None:
     name = write_image(tmp_path / "a.png")
-    known = KnownObject(10, 8, 30, 28, 1.5)
+    box = KnownObject(10, 8, 30, 28, 1.5)
     camera = Intrinsics(focal_px=50, pixel_aspect=1.2)  # wide pixels: fy is 60
     done = calibrate(
-        CalibrationRequest("a", pipeline, (str(name),), known_object=known, camera=camera)
+        CalibrationRequest("a", pipeline, (str(name),), known_object=box, camera=camera)
     )
     depth = pipeline.predict(read_image(name), camera).depth.values
     assert depth[18, 20] * done.scale.scale == pytest.approx(60 * 1.5 / 20)
@@ -101,9 +101,9 @@ def test_other_commands_use_the_kept_camera(inside: Cli) -> None:
     done = inside("predict", "pairs/rgb/0.png", "-o", "a.npy", "--camera", "robot", "--json")
     assert json.loads(done.stdout)["camera_scale"]["name"] == "robot"
     inside("batch", "pairs/rgb", "-o", "out", "--camera", "robot", "--format", "npy")
-    wanted = np.load(inside.folder / "0.npy") * np.float32(facts["scale"])
+    expected = np.load(inside.folder / "0.npy") * np.float32(facts["scale"])
     for written in ("a.npy", "out/0.depth.npy"):
-        assert np.load(inside.folder / written) == pytest.approx(wanted, rel=1e-5)
+        assert np.load(inside.folder / written) == pytest.approx(expected, rel=1e-5)
 
 
 def test_the_kept_camera_gives_the_points_of_its_calibration(inside: Cli) -> None:
@@ -112,20 +112,20 @@ def test_the_kept_camera_gives_the_points_of_its_calibration(inside: Cli) -> Non
         write_image(inside.folder / f"{name}.png", synthetic_image(*size))
     matrix = {"fx": 50, "fy": 60, "cx": 20, "cy": 30, "width": 64, "height": 48}
     (inside.folder / "lens.json").write_text(json.dumps(matrix))
-    given = ("--calibration", "lens.json")
-    done = inside("calibrate", "r", "a.png", *given, "--anchor", "3,4,9", "--json")
+    lens = ("--calibration", "lens.json")
+    done = inside("calibrate", "r", "a.png", *lens, "--anchor", "3,4,9", "--json")
     scale = np.float32(json.loads(done.stdout)["scale"])
     points_m = []
-    for words in (("--camera", "r"), given):
+    for words in (("--camera", "r"), lens):
         assert inside("predict", "b.png", *words, "-o", f"{words[0]}.exr").returncode == 0
         depth = depthcli.read_depth(inside.folder / f"{words[0]}.exr")
         points_m.append(depth.to_points(keep_edges=True).xyz_m)
     assert points_m[0] == pytest.approx(points_m[1] * scale, rel=1e-5)
-    told = [
+    messages = [
         inside("predict", "b.png", "--camera", "r", *more, code=0).stderr
         for more in ((), ("--centre-px", "9,9"))
     ]
-    assert told[0] == told[1]  # and nothing of a size that was not stated
+    assert messages[0] == messages[1]  # and nothing of a size that was not stated
 
 
 def test_a_kept_camera_has_the_pixels_of_clouds_and_of_other_sizes(
@@ -137,8 +137,8 @@ def test_a_kept_camera_has_the_pixels_of_clouds_and_of_other_sizes(
     path, cloud_m = keep_camera(scale, lens), np.array([[1.0, 1.0, 5.0]])
     points = projected(cloud_m, kept_camera("r")).within(128, 96)
     assert (points.x[0], points.y[0]) == (2 * (20 + 10) + 1, 2 * (30 + 12) + 1)
-    own = kept_camera("r").of_image(Intrinsics(100))
-    assert (own.centre_for(128, 96), own.pixel_aspect, own.scale) == ((40.5, 60.5), 1.2, scale)
+    cam = kept_camera("r").of_image(Intrinsics(100))
+    assert (cam.centre_for(128, 96), cam.pixel_aspect, cam.scale) == ((40.5, 60.5), 1.2, scale)
     first = json.loads(path.read_text())  # as 0.22 wrote it
     path.write_text(json.dumps({"hfov_deg": first["hfov_deg"], **asdict(scale)}))
     assert kept_camera("r") == Intrinsics(hfov_deg=first["hfov_deg"], scale=scale)
@@ -169,17 +169,17 @@ def test_doubts_about_known_depth_are_told(pipeline: Pipeline, tmp_path: Path) -
     name = write_image(tmp_path / "a.png")
     cv2.imwrite(str(tmp_path / "lidar.png"), np.full((48, 64), 256 * 5, np.uint16))
     for scale, count in ((None, 1), (256, 0)):
-        known = KnownDepthFiles(str(tmp_path / "lidar.png"), scale)
-        done = calibrate(CalibrationRequest("a", pipeline, (str(name),), anchors=known))
+        files = KnownDepthFiles(str(tmp_path / "lidar.png"), scale)
+        done = calibrate(CalibrationRequest("a", pipeline, (str(name),), anchors=files))
         assert len(done.warnings) == count, done.warnings
 
 
 def test_needs_known_depth(pipeline: Pipeline, tmp_path: Path) -> None:
     name = write_image(tmp_path / "a.png")
     np.save(tmp_path / "a.npy", np.full((48, 64), np.nan, np.float32))
-    known = KnownDepthFiles(str(tmp_path / "a.npy"))
+    files = KnownDepthFiles(str(tmp_path / "a.npy"))
     with pytest.raises(InputError):
-        calibrate(CalibrationRequest("a", pipeline, (str(name),), anchors=known))
+        calibrate(CalibrationRequest("a", pipeline, (str(name),), anchors=files))
 
 
 def test_pairs_are_images_and_depth_of_the_same_names(pipeline: Pipeline, tmp_path: Path) -> None:
@@ -194,6 +194,6 @@ def test_pairs_are_images_and_depth_of_the_same_names(pipeline: Pipeline, tmp_pa
     with pytest.raises(InputError, match="has no known depth for it: a with"):
         calibrate(CalibrationRequest("robot", pipeline, pairs=tmp_path))
     (tmp_path / "empty" / "rgb").mkdir(parents=True)
-    for folder, said in ("empty", "no known depth"), ("depth", "rgb cannot be listed"):
-        with pytest.raises(DepthcliError, match=said):
+    for folder, message in ("empty", "no known depth"), ("depth", "rgb cannot be listed"):
+        with pytest.raises(DepthcliError, match=message):
             calibrate(CalibrationRequest("robot", pipeline, pairs=tmp_path / folder))

@@ -88,8 +88,8 @@ def test_inspect_file_knows_videos(depth_mkv: Path, scale: float | None, unit_m:
         "max": pytest.approx(7 * unit_m),
     }
     for number, values in enumerate(FRAMES_M):
-        found = read_map(depth_mkv, DepthReadOptions(scale, frame=number)).displayed
-        np.testing.assert_allclose(found.values, values * unit_m, rtol=1e-6)
+        depth = read_map(depth_mkv, DepthReadOptions(scale, frame=number)).displayed
+        np.testing.assert_allclose(depth.values, values * unit_m, rtol=1e-6)
 
 
 def test_a_frame_belongs_to_a_video(depth_mkv: Path, depth_npy: Path) -> None:
@@ -106,8 +106,8 @@ def test_a_scale_is_of_integers_and_of_floats(tmp_path: Path, depth_npy: Path) -
     Png16Writer(png_scale=100).write(DepthMap(FRAMES_M[0]), path)
     for scale, unit_m in ((None, 1), (50, 2)):
         facts = inspect_file(str(path), DepthReadOptions(scale))
-        found = tuple(facts[name] for name in ("valid", "min", "median", "max"))
-        assert found == pytest.approx((6, unit_m, 2 * unit_m, 3 * unit_m))
+        values = tuple(facts[name] for name in ("valid", "min", "median", "max"))
+        assert values == pytest.approx((6, unit_m, 2 * unit_m, 3 * unit_m))
         found_m = read_map(path, DepthReadOptions(scale)).displayed.values
         np.testing.assert_allclose(found_m, FRAMES_M[0] * unit_m, rtol=1e-6)
     floats = read_map(depth_npy, DepthReadOptions(100)).displayed.values
@@ -119,12 +119,12 @@ def test_the_scale_of_a_file_says_who_states_it(tmp_path: Path, depth_npy: Path)
     Png16Writer(png_scale=256).write(DepthMap(FRAMES_M[0]), stated)
     Png16Writer(png_normalize=True).write(DepthMap(FRAMES_M[0]), range_only)
     cv2.imwrite(str(plain), np.full((2, 4), 1000, np.uint16))
-    found = {
+    scales = {
         (path.name, option): (facts["scale"], facts["scale_source"])
         for path, option in [(stated, None), (plain, None), (plain, 5000), (range_only, None)]
         for facts in [inspect_file(str(path), DepthReadOptions(option))]
     }
-    assert found == {
+    assert scales == {
         ("own.png", None): (256, "file"),
         ("plain.png", None): (1000, "assumed"),
         ("plain.png", 5000): (5000, "option"),
@@ -268,9 +268,9 @@ def test_patterns_that_do_not_fit_are_refused(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_frames(tmp_path / "d.mkv", range(2))
-    given = {"source": "d.mkv", "target": "a.#.exr"} | words
+    options = {"source": "d.mkv", "target": "a.#.exr"} | words
     with pytest.raises(UsageError):
-        list(convert_video(ConvertRequest(**given), 0))
+        list(convert_video(ConvertRequest(**options), 0))
     assert [path.name for path in tmp_path.iterdir()] == ["d.mkv"]
 
 
@@ -374,8 +374,8 @@ def converted(source: Path, target: str, **more: object) -> ConvertResult:
 def test_windows_pixels_and_rate_are_kept(data: Box, half: bool, tmp_path: Path) -> None:
     values = write_depth_exr(tmp_path / "a.exr", data)
     done = converted(tmp_path / "a.exr", "b.exr", half=half)
-    *found, stored = written(tmp_path / "b.exr")
-    assert found == [data, DISPLAY, 2]
+    *header, stored = written(tmp_path / "b.exr")
+    assert header == [data, DISPLAY, 2]
     np.testing.assert_array_equal(stored, values.astype(np.float16) if half else values)
     assert read_exr_rate(tmp_path / "b.exr") == Fraction(24000, 1001)
     assert (done.depth.height, done.depth.width) == size_of(DISPLAY)
@@ -388,17 +388,17 @@ def test_windows_pixels_and_rate_are_kept(data: Box, half: bool, tmp_path: Path)
 @WINDOWS
 def test_other_formats_are_of_the_display_window(data: Box, tmp_path: Path) -> None:
     write_depth_exr(tmp_path / "a.exr", data)
-    shown = read_stored_depth(tmp_path / "a.exr").displayed.values
-    assert shown.shape == size_of(DISPLAY)
-    if np.isnan(shown).all():
+    values = read_stored_depth(tmp_path / "a.exr").displayed.values
+    assert values.shape == size_of(DISPLAY)
+    if np.isnan(values).all():
         with pytest.raises(InputError):
             converted(tmp_path / "a.exr", "b.npy")
         return
     converted(tmp_path / "a.exr", "b.npy")
-    np.testing.assert_array_equal(np.load(tmp_path / "b.npy"), shown)
+    np.testing.assert_array_equal(np.load(tmp_path / "b.npy"), values)
     converted(tmp_path / "a.exr", "b.png")
     steps = cv2.imread(str(tmp_path / "b.png"), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(steps, np.rint(np.nan_to_num(shown) * 1000))
+    np.testing.assert_array_equal(steps, np.rint(np.nan_to_num(values) * 1000))
 
 
 def test_depth_lost_in_the_overscan_is_counted(tmp_path: Path) -> None:

@@ -22,9 +22,9 @@ def by_name(checks: Iterator[Check]) -> dict[str, Check]:
 
 def test_a_broken_model_is_found_and_the_rest_goes_on(models: Path) -> None:
     (models / "default" / "model.onnx").write_bytes(b"broken")
-    found = by_name(check_installation())
-    assert found["model"].status == "failed"
-    assert found["codec .png"].status == "ok"
+    checks = by_name(check_installation())
+    assert checks["model"].status == "failed"
+    assert checks["codec .png"].status == "ok"
 
 
 @pytest.mark.usefixtures("models")
@@ -33,9 +33,9 @@ def test_unexpected_error_of_a_check_is_a_finding(monkeypatch: pytest.MonkeyPatc
         raise ValueError("of two\nlines")
 
     monkeypatch.setattr(codecs, "can_round_trip", broken)
-    found = by_name(check_installation())
-    assert found["codecs"] == Check("codecs", "failed", "ValueError: of two lines")
-    assert found["import OpenEXR"].status == "ok"
+    checks = by_name(check_installation())
+    assert checks["codecs"] == Check("codecs", "failed", "ValueError: of two lines")
+    assert checks["import OpenEXR"].status == "ok"
 
 
 @pytest.mark.parametrize(
@@ -68,14 +68,14 @@ def test_packages_are_compared_with_what_is_required(monkeypatch: pytest.MonkeyP
         raise importlib.metadata.PackageNotFoundError
 
     monkeypatch.setattr(importlib.metadata, "version", version)
-    found = by_name(check_versions())
-    assert found["numpy"].status == "failed"
-    assert found["numpy"].detail.endswith("pip install 'numpy>=2.0'")
-    assert found["rich"] == Check("rich", "ok", "99.0")
-    assert found["av"] == Check("av", "warning", "not installed under this name")
-    assert found["torch"].status == "warning"
-    assert "timm" not in found
-    assert found["Python"].detail == platform.python_version()
+    checks = by_name(check_versions())
+    assert checks["numpy"].status == "failed"
+    assert checks["numpy"].detail.endswith("pip install 'numpy>=2.0'")
+    assert checks["rich"] == Check("rich", "ok", "99.0")
+    assert checks["av"] == Check("av", "warning", "not installed under this name")
+    assert checks["torch"].status == "warning"
+    assert "timm" not in checks
+    assert checks["Python"].detail == platform.python_version()
 
 
 @pytest.mark.usefixtures("models")
@@ -91,22 +91,22 @@ def test_partly_working_provider_or_codec_is_a_warning(monkeypatch: pytest.Monke
         return session
 
     monkeypatch.setattr(SessionLoader, "load", settled)
-    found = by_name(check_installation())
-    assert found["model"].status == "warning"
-    assert found["model"].detail.endswith("has tensorrt, rocm, cpu; runs on cpu")
-    assert (found["provider tensorrt"].status, found["provider cpu"].status) == ("ok", "ok")
-    assert "not tried" in found["provider tensorrt"].detail
-    assert found["provider rocm"].status == "warning"
-    assert (found["codec .webp"].status, found["codec .png"].status) == ("warning", "ok")
+    checks = by_name(check_installation())
+    assert checks["model"].status == "warning"
+    assert checks["model"].detail.endswith("has tensorrt, rocm, cpu; runs on cpu")
+    assert (checks["provider tensorrt"].status, checks["provider cpu"].status) == ("ok", "ok")
+    assert "not tried" in checks["provider tensorrt"].detail
+    assert checks["provider rocm"].status == "warning"
+    assert (checks["codec .webp"].status, checks["codec .png"].status) == ("warning", "ok")
 
 
 @pytest.mark.usefixtures("models")
 def test_a_video_codec_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(av, "codecs_available", av.codecs_available - {"libx264"})
-    found = by_name(check_installation())
-    assert found["video codec ffv1"] == Check("video codec ffv1", "ok", "writes")
-    assert found["video codec h264"].status == "warning"
-    assert "no libx264" in found["video codec h264"].detail
+    checks = by_name(check_installation())
+    assert checks["video codec ffv1"] == Check("video codec ffv1", "ok", "writes")
+    assert checks["video codec h264"].status == "warning"
+    assert "no libx264" in checks["video codec h264"].detail
 
 
 @pytest.mark.usefixtures("models")

@@ -70,15 +70,15 @@ def test_its_depth_is_that_of_a_frame(data: Box, tmp_path: Path, loader: Session
     video(video_request(f"{plate.parent}/plate.%d.exr", f"{tmp_path}/v/", frames, model=loader))
     done = predicted(plate, loader, Format.EXR, Format.NPY)
     *expected, values = written(tmp_path / "v" / "plate.depth.000001.exr")
-    own = plate.parent / "out" / "plate.1.depth.exr"
-    *found, stored = written(own)
-    assert found == expected == [data, DISPLAY, 2]
+    path = plate.parent / "out" / "plate.1.depth.exr"
+    *header, stored = written(path)
+    assert header == expected == [data, DISPLAY, 2]
     assert np.isfinite(stored).all()
     np.testing.assert_array_equal(stored, values)
-    shown = np.load(plate.parent / "out" / "plate.1.depth.npy")
-    np.testing.assert_array_equal(shown, np.load(tmp_path / "v" / "plate.depth.000001.npy"))
-    np.testing.assert_array_equal(done.depth.values, shown)
-    np.testing.assert_array_equal(read_stored_depth(own).displayed.values, shown)
+    depth = np.load(plate.parent / "out" / "plate.1.depth.npy")
+    np.testing.assert_array_equal(depth, np.load(tmp_path / "v" / "plate.depth.000001.npy"))
+    np.testing.assert_array_equal(done.depth.values, depth)
+    np.testing.assert_array_equal(read_stored_depth(path).displayed.values, depth)
     assert done.depth.provenance.pixel_aspect == 2
 
 
@@ -184,7 +184,7 @@ def test_a_batch_reads_those_of_a_list_alone(tmp_path: Path, loader: SessionLoad
     root, out = tmp_path / "in", tmp_path / "batch"
     plate = write_plate(root, 1, MIXED)
     done = predicted(plate, loader, Format.EXR, anchors=(Anchor(20, 20, 3.5),))
-    own = (root / "out" / "plate.1.depth.exr").rename(root / "own.exr")
+    moved = (root / "out" / "plate.1.depth.exr").rename(root / "own.exr")
     write_image(root / "room.png")
     whole = plan_folder(str(root), str(out))
     assert [file.name for file in whole.inputs] == ["room.png"]
@@ -192,7 +192,7 @@ def test_a_batch_reads_those_of_a_list_alone(tmp_path: Path, loader: SessionLoad
         ("plate.1.exr", ".exr"),
         ("own.exr", ".exr"),
     }
-    plan = plan_files([plate.name, own.name], "mine", str(root), str(out))
+    plan = plan_files([plate.name, moved.name], "mine", str(root), str(out))
     options = BatchOptions((Format.EXR, Format.NPY), anchors=(Anchor(20, 20, 3.5),))
     assert [file.name for file in plan.skipped] == ["own.exr"]
     (result,) = Batch(BatchRequest(plan, options, loader))
@@ -306,15 +306,15 @@ def test_each_plate_has_own_windows(tmp_path: Path, depth_of: Callable[..., Vide
     assert warning.startswith("images with more overscan than the first one, which is cut off: 2")
     assert (done.frames, done.problem) == (4, None)
     paths = sorted((tmp_path / "out").glob("*.exr"))
-    found = [written(path) for path in paths]
-    assert [display for _, display, _, _ in found] == [DISPLAY] * 4
-    assert [data for data, *_ in found] == [
+    headers = [written(path) for path in paths]
+    assert [display for _, display, _, _ in headers] == [DISPLAY] * 4
+    assert [data for data, *_ in headers] == [
         MIXED,
         CROP,
         (92, 50, 163, 99),  # the overscan that the first plate has, too
         (100, 50, 100, 50),  # a file has to have a pixel
     ]
-    assert np.isnan(found[3][3]).all()
+    assert np.isnan(headers[3][3]).all()
 
 
 def test_a_plate_of_another_display_window_ends_the_sequence(

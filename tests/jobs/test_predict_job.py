@@ -138,7 +138,7 @@ def test_depth_without_a_valid_pixel_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(OutputError):
         write_output(WriterOptions(), Format.NPY, empty, frame, path)
     assert list(tmp_path.iterdir()) == []
-    one = np.full((4, 6), np.nan, np.float32)
-    one[3, 5] = 1
-    write_output(WriterOptions(), Format.NPY, DepthMap(one), frame, path)
-    assert np.array_equal(np.load(path), one, equal_nan=True)
+    values = np.full((4, 6), np.nan, np.float32)
+    values[3, 5] = 1
+    write_output(WriterOptions(), Format.NPY, DepthMap(values), frame, path)
+    assert np.array_equal(np.load(path), values, equal_nan=True)

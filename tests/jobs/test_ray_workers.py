@@ -25,12 +25,12 @@ def test_a_worker_takes_the_folder_and_the_threads_that_it_is_given(
     images(tmp_path)
     for name in ("out", "began"):
         (tmp_path / name).mkdir()
-    found, threads = request(tmp_path), cv2.getNumThreads()
-    spec = WorkerSpec(found.model, found.model.load().model.sha256, found.options, found.plan.out)
+    job, threads = request(tmp_path), cv2.getNumThreads()
+    spec = WorkerSpec(job.model, job.model.load().model.sha256, job.options, job.plan.out)
     monkeypatch.chdir(tmp_path)
     try:
-        for folder, given, taken in (("began", 0.5, 1), ("nowhere", 3, 3)):
-            RemoteWorker(spec, str(tmp_path / folder), given).start(__version__)
+        for folder, cores, taken in (("began", 0.5, 1), ("nowhere", 3, 3)):
+            RemoteWorker(spec, str(tmp_path / folder), cores).start(__version__)
             assert (Path.cwd(), cv2.getNumThreads()) == (tmp_path / "began", taken)
     finally:
         cv2.setNumThreads(threads)
@@ -56,11 +56,11 @@ def test_worker_capacity_of_nodes(cpus: float, gpus: float, workers: int) -> Non
 
 def test_a_cluster_of_this_machine_alone_is_told_to_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("RAY_USAGE_STATS_ENABLED", raising=False)
-    asked: dict[str, dict[str, object]] = {}
+    options: dict[str, dict[str, object]] = {}
 
     def init(address: str, **how: object) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)  # as Ray itself takes it over
-        asked[address] = how
+        options[address] = how
 
     before = signal.getsignal(signal.SIGTERM)
     for address in ("127.0.0.1:6379", "local"):
@@ -69,7 +69,7 @@ def test_a_cluster_of_this_machine_alone_is_told_to_nobody(monkeypatch: pytest.M
         assert signal.getsignal(signal.SIGTERM) == before
     assert os.environ["RAY_USAGE_STATS_ENABLED"] == "0"
     quiet = {"log_to_driver": False, "logging_level": logging.ERROR}
-    assert asked == {"127.0.0.1:6379": quiet, "local": quiet | LOCAL_CLUSTER}
+    assert options == {"127.0.0.1:6379": quiet, "local": quiet | LOCAL_CLUSTER}
     assert (LOCAL_CLUSTER["include_dashboard"], LOCAL_CLUSTER["_node_ip_address"]) == (
         False,
         "127.0.0.1",
@@ -78,8 +78,8 @@ def test_a_cluster_of_this_machine_alone_is_told_to_nobody(monkeypatch: pytest.M
 
 def test_a_machine_without_this_version_or_the_folder_is_named(tmp_path: Path) -> None:
     images(tmp_path)
-    found = request(tmp_path)
-    spec = WorkerSpec(found.model, "0" * 64, found.options, found.plan.out)
+    job = request(tmp_path)
+    spec = WorkerSpec(job.model, "0" * 64, job.options, job.plan.out)
     with pytest.raises(EngineError):
         RemoteWorker(spec, ".", 1).start("0.0.1")
     with pytest.raises(EngineError):

@@ -60,10 +60,10 @@ def test_images_go_from_bucket_to_bucket(
     assert isinstance(done, PredictResult)
     assert isinstance(failed.error, InputError)
     assert str(failed.error) == f"{missing} cannot be read: no such object"
-    found = {k: v for k, v in bucket.objects().items() if k.startswith("out/")}
-    assert found == {f"out/{path.name}": path.read_bytes() for path in map(Path, here.outputs)}
+    objects = {k: v for k, v in bucket.objects().items() if k.startswith("out/")}
+    assert objects == {f"out/{path.name}": path.read_bytes() for path in map(Path, here.outputs)}
     assert done.outputs == tuple(bucket.uri(f"out/{Path(name).name}") for name in here.outputs)
-    assert sum(faults.seen.values()) > 2 * len(found)  # they did fail
+    assert sum(faults.seen.values()) > 2 * len(objects)  # they did fail
 
 
 def test_results_lie_beside_the_object(
@@ -98,9 +98,9 @@ def test_a_sensor_s_depth_in_a_bucket_is_not_replaced(
     )
     with pytest.raises(OutputError, match=problem):
         video(frames)
-    found = bucket.objects()
-    assert found["in/a.depth" + suffix] == found["p/d.0002" + suffix] == sensor
-    assert not any(name.startswith("in/a.depth.npy") for name in found)
+    objects = bucket.objects()
+    assert objects["in/a.depth" + suffix] == objects["p/d.0002" + suffix] == sensor
+    assert not any(name.startswith("in/a.depth.npy") for name in objects)
 
 
 def test_a_store_that_does_not_answer_gets_no_output(
@@ -194,8 +194,8 @@ def tree(tmp_path: Path, bucket: Bucket) -> dict[str, bytes]:
 
 
 def results_in(bucket: Bucket, folder: str = "out/") -> dict[str, bytes]:
-    found = bucket.objects()
-    return {k.removeprefix(folder): v for k, v in found.items() if k.startswith(folder)}
+    objects = bucket.objects()
+    return {k.removeprefix(folder): v for k, v in objects.items() if k.startswith(folder)}
 
 
 def rows(data: bytes) -> list[dict[str, object]]:
@@ -214,15 +214,15 @@ def test_a_batch_goes_from_bucket_to_bucket(
     ]
     assert [name for name, _ in job.tally.failures] == ["bad.jpg"]
     assert str(job.manifest) == bucket.uri("in/out/manifest.jsonl")
-    found = results_in(bucket, "in/out/")
-    manifest = found.pop("manifest.jsonl")
-    assert found == tree
+    files = results_in(bucket, "in/out/")
+    manifest = files.pop("manifest.jsonl")
+    assert files == tree
     assert rows(manifest) == rows((tmp_path / "out" / "manifest.jsonl").read_bytes())
     assert json.loads(manifest.splitlines()[0])["input_path"] == bucket.uri("in/a.png")
     # The same again keeps all but what failed, and what lies in the folder is no input.
     again = list(Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("in/out/"))))
     assert [r.row.input for r in again if not r.is_kept] == ["bad.jpg"]
-    assert results_in(bucket, "in/out/").keys() == found.keys() | {"manifest.jsonl"}
+    assert results_in(bucket, "in/out/").keys() == files.keys() | {"manifest.jsonl"}
 
 
 def test_the_requests_of_a_batch_are_those_of_the_documentation(
@@ -232,18 +232,18 @@ def test_the_requests_of_a_batch_are_those_of_the_documentation(
     bucket.put("in/a.png", image)
     bucket.put("in/b.png", image)
     sensor = bucket.put("out/b.depth.png", image)
-    kept = ["GET in/a.png", "GET in/b.png", "GET out/b.depth.png", "HEAD out/b.depth.png"]
-    kept += ["HEAD out/a.depth.npy", "HEAD out/a.depth.png"]
+    again = ["GET in/a.png", "GET in/b.png", "GET out/b.depth.png", "HEAD out/b.depth.png"]
+    again += ["HEAD out/a.depth.npy", "HEAD out/a.depth.png"]
     new = ["GET out/a.depth.png", "PUT out/a.depth.npy", "PUT out/a.depth.png"]
-    for wanted in ([*kept, *new], kept):
+    for calls in ([*again, *new], again):
         faults.seen.clear()
-        found = list(Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("out"))))
+        results = list(Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("out"))))
         requests = [
             f"{method} {path.removeprefix(f'/{bucket.name}/')}"
             for method, path in faults.seen.elements()
         ]
-        assert sorted(one for one in requests if one.endswith((".png", ".npy"))) == sorted(wanted)
-        errors = [result.row.error for result in found if result.row.error]
+        assert sorted(key for key in requests if key.endswith((".png", ".npy"))) == sorted(calls)
+        errors = [result.row.error for result in results if result.row.error]
         assert len(errors) == 1
         assert str(sensor) in errors[0]
     assert bucket.objects()["out/b.depth.png"] == image
@@ -270,22 +270,22 @@ os.kill(os.getpid(), signal.SIGKILL)
     assert any(name.startswith(".depthcli-batch.jsonl.") for name in left)
     assert "manifest.jsonl" not in left
     job = Batch(batch(tmp_path, bucket.uri("in"), bucket.uri("out")))
-    kept = [result.row.input for result in job if result.is_kept]
-    assert {"a.png", "z.png"} <= set(kept)
-    found = results_in(bucket)
-    assert rows(found.pop("manifest.jsonl"))
-    assert found == tree
+    inputs = [result.row.input for result in job if result.is_kept]
+    assert {"a.png", "z.png"} <= set(inputs)
+    files = results_in(bucket)
+    assert rows(files.pop("manifest.jsonl"))
+    assert files == tree
 
 
 def test_a_model_in_a_bucket(
     tmp_path: Path, bucket: Bucket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("DEPTHCLI_MODELS", str(tmp_path / "own"))
-    made = write_model(tmp_path / "made")
-    data, card = (made / "model.onnx").read_bytes(), str(made / "card.json")
+    folder = write_model(tmp_path / "made")
+    data, card = (folder / "model.onnx").read_bytes(), str(folder / "card.json")
     source = path_of(bucket.put("model.onnx", data))
     watched = Watched()
-    assert add_model(source, card, progress=watched).sha256 == find_model(made).sha256
+    assert add_model(source, card, progress=watched).sha256 == find_model(folder).sha256
     assert list(watched.stages.values()) == [(1, pytest.approx(len(data) / 1e6))]  # megabytes
     with pytest.raises(InputError):
         add_model(path_of(bucket.uri("none.onnx")), card, name="other")
@@ -302,9 +302,9 @@ def test_shards_become_one_manifest(tmp_path: Path, bucket: Bucket, tree: dict[s
     assert {"manifest-1-of-2.jsonl", "manifest-2-of-2.jsonl"} <= results_in(bucket).keys()
     assert summarize(read_rows(path_of(out))).inputs == 5
     assert str(merge_manifests(path_of(out))) == f"{out}/manifest.jsonl"
-    found = results_in(bucket)
-    assert len(rows(found.pop("manifest.jsonl"))) == 5
-    assert found == tree
+    files = results_in(bucket)
+    assert len(rows(files.pop("manifest.jsonl"))) == 5
+    assert files == tree
     request = batch(tmp_path, source, out)
     would = {name: what for what, name, *_ in dry_run(request, request.model.load())}
     assert would == dict.fromkeys(("a.png", "z.png", "hall/b.png", "hall/clip.avi"), "keep") | {
@@ -317,11 +317,11 @@ def test_lists_name_objects(tmp_path: Path, bucket: Bucket, tree: dict[str, byte
     words = [bucket.uri("in/z.png"), bucket.uri("in/hall/b.png"), local, "./a.png"]
     listed = bucket.put("lists/some.txt", "\n".join(words).encode())
     plan = plan_files(read_list(listed), listed, bucket.uri("in"), bucket.uri("out"))
-    names = [found.name for found in plan.inputs]
+    names = [file.name for file in plan.inputs]
     assert names == sorted(["z.png", "hall/b.png", local.lstrip("/"), "a.png"])
-    assert {local, bucket.uri("in/a.png")} < {found.path for found in plan.inputs}
+    assert {local, bucket.uri("in/a.png")} < {file.path for file in plan.inputs}
     plan = plan_files(words[:1], "the test", ".", str(tmp_path / "o"))
-    assert [found.name for found in plan.inputs] == [f"{bucket.name}/in/z.png"]
+    assert [file.name for file in plan.inputs] == [f"{bucket.name}/in/z.png"]
     (result,) = Batch(of_plan(tmp_path, plan, BatchOptions((Format.NPY,))))
     assert (tmp_path / "o" / result.row.outputs[0].path).read_bytes() == tree["z.depth.npy"]
     with pytest.raises(UsageError):

@@ -62,13 +62,13 @@ def test_depth_of_a_sequence(tmp_path: Path, loader: SessionLoader) -> None:
 def write_parts(path: Path, number: int) -> Path:
     """Three parts, of which the first alone states rate and time code, and the last is depth."""
     path.parent.mkdir(exist_ok=True)
-    shown = {"type": OpenEXR.scanlineimage}
+    header = {"type": OpenEXR.scanlineimage}
     gray = np.full((16, 16), 0.5, np.float32)
     code = OpenEXR.TimeCode(*time_code_of(number))
     parts = [
-        OpenEXR.Part({**shown, "framesPerSecond": FILM, "timeCode": code}, {"A": gray}, "matte"),
-        OpenEXR.Part(dict(shown), dict.fromkeys("RGB", gray), "rgba"),
-        OpenEXR.Part(dict(shown), {"Z": gray}, "depth"),
+        OpenEXR.Part({**header, "framesPerSecond": FILM, "timeCode": code}, {"A": gray}, "matte"),
+        OpenEXR.Part(dict(header), dict.fromkeys("RGB", gray), "rgba"),
+        OpenEXR.Part(dict(header), {"Z": gray}, "depth"),
     ]
     OpenEXR.File(parts).write(str(path))
     return path
@@ -166,7 +166,7 @@ def test_time_codes_of_the_next(start: str, frames: int, rate: Fraction, later: 
 def test_outputs_have_the_time_code_of_the_first_frame(name: str, start: str, inside: Cli) -> None:
     write_coded(inside.folder / name, start)
     formats = ("mkv", "mp4", "mov", "webm", "exr")
-    words = [word for which in formats for word in ("--format", which)]
+    words = [word for format_ in formats for word in ("--format", format_)]
     for options, frames in (((), 0), (("--start", "3f"), 3), (("--start", "0.1"), 3)):
         later = shown(time_code_after(parsed(start), frames, NTSC))
         done = inside("video", name, *words, "--out", "x.mkv", "--sidecar", "--json", *options)
@@ -188,8 +188,8 @@ def test_above_30_frames_a_second_exr_numbers_pairs(rate: Fraction, inside: Cli)
     done = inside("video", "a.mov", "--out", "x.%d.exr", "--json")
     assert (done.returncode, json.loads(done.stdout)["time_code"]) == (0, start)
     codes = [OpenEXR.File(str(inside.folder / f"x.{n}.exr")).header()["timeCode"] for n in range(6)]
-    wanted = [(0, last - 2), (0, last - 1), (0, last), (1, 0), (1, 1), (1, 2)]
-    assert [(code.seconds, 2 * code.frame + code.fieldPhase) for code in codes] == wanted
+    expected = [(0, last - 2), (0, last - 1), (0, last), (1, 0), (1, 1), (1, 2)]
+    assert [(code.seconds, 2 * code.frame + code.fieldPhase) for code in codes] == expected
     assert inside("video", "a.mov", "--out", "y.mkv", "--start", "2f").returncode == 0
     assert found_in(inside.folder / "y.mkv") == {f"10:00:00:{last}"}
     assert inside("convert", "y.mkv", "z.%d.exr").returncode == 0
@@ -209,9 +209,9 @@ def test_a_video_of_plates_has_their_time_code(inside: Cli) -> None:
         write_plate(inside.folder / "in", number, DISPLAY)
     words = ("--fps", "29.97", "--start", "2f", "--out", "x.mkv", "--json")
     done = inside("video", "in", *words)
-    said = json.loads(done.stdout)["time_code"]
-    assert parsed(said)[:4] == time_code_of(2)[:4]
-    assert found_in(inside.folder / "x.mkv") == {said}
+    code = json.loads(done.stdout)["time_code"]
+    assert parsed(code)[:4] == time_code_of(2)[:4]
+    assert found_in(inside.folder / "x.mkv") == {code}
 
 
 def test_a_time_code_and_audio_are_kept_in_a_pipe(inside: Cli) -> None:
@@ -301,8 +301,8 @@ def test_a_stream_without_a_container_has_the_rate_that_it_states(
     with VideoSource(clip) as source:
         assert source.rate == rate
         assert not any("rate" in warning for warning in source.warnings)
-        found = [frame.timestamp_s for frame in source.frames()]
-    assert found == pytest.approx([float(i / rate) for i in range(12)], abs=1e-6)
+        times = [frame.timestamp_s for frame in source.frames()]
+    assert times == pytest.approx([float(i / rate) for i in range(12)], abs=1e-6)
 
 
 def test_a_stream_without_a_container_may_state_no_rate(tmp_path: Path) -> None:

@@ -59,8 +59,8 @@ def test_it_is_not_replaced(
 ) -> None:
     place = folder / "clip.depth.mkv"
     before = place.read_bytes()
-    asked = None if output is None else f"{folder}/{output}"
-    request = video_request(folder / "clip.mp4", asked, formats, model=loader)
+    target = None if output is None else f"{folder}/{output}"
+    request = video_request(folder / "clip.mp4", target, formats, model=loader)
     with pytest.raises(OutputError, match=str(place)):
         video(request)
     assert {path.name for path in folder.iterdir()} == {"clip.mp4", "clip.depth.mkv"}
@@ -84,9 +84,9 @@ def test_preview_and_stereo_videos_are_replaced_if_depthcli_wrote_them(
         video(request)
     assert place.read_bytes() == foreign
     assert video(replace(request, overwrite=True)).frames == 3
-    own = place.read_bytes()
+    data = place.read_bytes()
     assert video(request).frames == 3
-    assert place.read_bytes() == own
+    assert place.read_bytes() == data
 
 
 def test_a_batch_does_not_replace_it_in_any_run(folder: Path) -> None:
@@ -94,16 +94,16 @@ def test_a_batch_does_not_replace_it_in_any_run(folder: Path) -> None:
     place.parent.mkdir()
     (folder / "clip.depth.mkv").rename(place)
     before = place.read_bytes()
-    asked = request(folder.parent)
+    job = request(folder.parent)
     for _ in range(2):
-        (result,) = Batch(asked)
+        (result,) = Batch(job)
         assert "does not state that depthcli wrote it" in result.row.error
-        (would,) = dry_run(asked, asked.model.load())
+        (would,) = dry_run(job, job.model.load())
         assert (would[0], would[-1]) == ("fail", result.row.error)
     assert place.read_bytes() == before
     place.unlink()
     for is_kept in (False, True):
-        (result,) = Batch(asked)
+        (result,) = Batch(job)
         assert (result.row.error, result.is_kept) == (None, is_kept)
 
 

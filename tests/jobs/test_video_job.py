@@ -299,12 +299,12 @@ def test_frames_that_keep_less_than_their_depth_tell_no_other_figures(
     clip: Path, tmp_path: Path, loader: SessionLoader, which: VideoFormat, writing: WriterOptions
 ) -> None:
     settings = VideoSettings(writing=writing, span=Span(end=frame_number(9)))
-    asked = VideoRequest(str(clip), model=loader, settings=settings)
+    request = VideoRequest(str(clip), model=loader, settings=settings)
     there = video_destination(f"{tmp_path}/whole/", (which,), sidecar=True)
-    whole = video(dataclasses.replace(asked, destination=there))
+    whole = video(dataclasses.replace(request, destination=there))
     for folder, sidecar in (("alone", False), ("described", True)):
         there = video_destination(f"{tmp_path}/{folder}/", (which,), sidecar=sidecar)
-        again = dataclasses.replace(asked, destination=there)
+        again = dataclasses.replace(request, destination=there)
         with pytest.raises(KeyboardInterrupt):
             video(again, Watched(last=5))
         assert video(again).flicker == pytest.approx(whole.flicker, rel=1e-2)
@@ -365,8 +365,8 @@ def test_a_run_that_cannot_be_resumed_ends_the_record_of_an_earlier_one(
     ],
 )
 def test_only_the_suffix_of_a_format_is_one(output: str, formats: str, names: str) -> None:
-    asked = tuple(VideoFormat(word) for word in formats.split())
-    assert " ".join(plan_video(video_request("a.mov", output, asked)).names.values()) == names
+    parsed = tuple(VideoFormat(word) for word in formats.split())
+    assert " ".join(plan_video(video_request("a.mov", output, parsed)).names.values()) == names
     described = plan_video(video_request("a.mov", "d.v1", (VideoFormat.NPY,), sidecar=True))
     assert described.names[VideoFormat.JSON] == "d.v1.depth.json"
 
@@ -381,12 +381,12 @@ def test_outputs_hold_equal_millimetres(clip: Path, tmp_path: Path, loader: Sess
         expected = [np.rint(pipeline.predict(f).depth.values * 1000) for f in source.frames()]
     steps = list(DepthVideo(out / "clip.depth.mkv").steps())
     np.testing.assert_array_equal(steps, expected)
-    for index, one in enumerate(steps):
+    for index, step in enumerate(steps):
         png = cv2.imread(str(out / f"clip.depth.{index:06d}.png"), cv2.IMREAD_UNCHANGED)
-        np.testing.assert_array_equal(one, png)
+        np.testing.assert_array_equal(step, png)
         for suffix in ("exr", "npy"):
             metres = read_stored_depth(out / f"clip.depth.{index:06d}.{suffix}").displayed.values
-            np.testing.assert_array_equal(one, np.rint(metres * 1000))
+            np.testing.assert_array_equal(step, np.rint(metres * 1000))
     assert len(files(out)) == len(set(VideoFormat) - set(SEQUENCES)) + 24 * len(SEQUENCES)
 
 
@@ -398,10 +398,10 @@ def test_workers_write_what_one_does(clip: Path, tmp_path: Path, loader: Session
         )
         video(request)
     for name in ("clip.depth.mkv", "clip.preview.mp4"):
-        one, four = ((tmp_path / f"w{n}" / name).read_bytes() for n in (1, 4))
-        assert one == four
+        alone, four = ((tmp_path / f"w{n}" / name).read_bytes() for n in (1, 4))
+        assert alone == four
     # With it, x264 gives about one in a hundred videos other bytes.
-    assert b"mbtree=0" in one
+    assert b"mbtree=0" in alone
 
 
 def times_ms(path: Path) -> list[float]:
@@ -484,8 +484,8 @@ def test_each_frame_states_its_time(tmp_path: Path, loader: SessionLoader, smoot
             file = tmp_path / "o" / f"a.depth.{i:06}.{suffix}"
             assert float(read_metadata(file)["time_s"]) == pytest.approx(times_s[i], abs=1e-9)
             assert depthcli.read_depth(file).time_s == pytest.approx(times_s[i], abs=1e-9)
-    stated = json.loads((tmp_path / "o" / "a.depth.json").read_text())["times_s"]
-    assert stated == pytest.approx({str(i): times_s[i] for i in (1, 2, 3)}, abs=1e-9)
+    times = json.loads((tmp_path / "o" / "a.depth.json").read_text())["times_s"]
+    assert times == pytest.approx({str(i): times_s[i] for i in (1, 2, 3)}, abs=1e-9)
     read = depthcli.DepthVideo(tmp_path / "o" / "a.depth.mkv")
     assert "time_s" not in read.labels
     assert [depth.time_s for depth in read] == pytest.approx(times_s[1:], abs=0.0006)
@@ -529,12 +529,12 @@ def test_numbered_arrays_find_their_time_and_kind_in_the_sidecar(
 
 def colours(path: Path) -> list[np.ndarray[Any, Any]]:
     capture = cv2.VideoCapture(str(path))
-    found = []
+    frames = []
     while True:
         ok, pixels = capture.read()
         if not ok:
-            return found
-        found.append(pixels.astype(int))
+            return frames
+        frames.append(pixels.astype(int))
 
 
 def test_the_lock_holds_colours_and_lets_go_at_a_cut(tmp_path: Path, loader: SessionLoader) -> None:

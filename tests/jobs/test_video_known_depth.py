@@ -63,13 +63,13 @@ def test_a_folder_has_a_file_for_each_frame_by_its_number(
     clip: Path, loader: SessionLoader, tmp_path: Path
 ) -> None:
     """Also of a part of the video whose files are numbered from elsewhere."""
-    known = tmp_path / "known"
-    known.mkdir()
+    depths = tmp_path / "known"
+    depths.mkdir()
     for number in (2, 3, 5):
-        (known / f"cam1_lidar-{number:04d}.csv").write_text(f"{HEADER}\n5,4,{number}\n")
-    np.save(known / "cam1_lidar-0004.npy", np.full((48, 64), 4, np.float32))
+        (depths / f"cam1_lidar-{number:04d}.csv").write_text(f"{HEADER}\n5,4,{number}\n")
+    np.save(depths / "cam1_lidar-0004.npy", np.full((48, 64), 4, np.float32))
     start = Point(Fraction(2), in_frames=True)
-    done = run(clip, loader, known, span=Span(start), start_number=1001)
+    done = run(clip, loader, depths, span=Span(start), start_number=1001)
     assert depths_m(clip) == pytest.approx([2, 3, 4, 5], abs=0.05)
     assert list(done.numbers) == [1001, 1002, 1003, 1004]
 
@@ -158,14 +158,14 @@ def test_relative_depth_becomes_metric_in_every_frame(clip: Path, tmp_path: Path
 def test_known_depth_is_not_replaced_and_belongs_to_one_frame(
     clip: Path, loader: SessionLoader, tmp_path: Path
 ) -> None:
-    known = tmp_path / "out"
-    known.mkdir()
-    np.save(known / "clip.depth.000003.npy", np.full((48, 64), 4, np.float32))
+    folder = tmp_path / "out"
+    folder.mkdir()
+    np.save(folder / "clip.depth.000003.npy", np.full((48, 64), 4, np.float32))
     with pytest.raises(OutputError):
-        run(clip, loader, known)
-    (known / "other-3.csv").write_text(f"{HEADER}\n5,4,4\n")
+        run(clip, loader, folder)
+    (folder / "other-3.csv").write_text(f"{HEADER}\n5,4,4\n")
     with pytest.raises(InputError, match="both of frame 3"):
-        run(clip, loader, known)
+        run(clip, loader, folder)
 
 
 def test_frames_of_other_extrinsics_are_not_kept(tmp_path: Path) -> None:
