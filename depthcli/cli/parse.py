@@ -275,7 +275,6 @@ def fps(word: str, option: str = "fps") -> Fraction:
 _NORMALIZED = "png16 with --png-normalize or --png-inverse"
 _RANGE_OPTIONS = {_NORMALIZED: Format.PNG16.facts.range_options}
 OUTPUT_OPTIONS = {str(name): facts.options for name, facts in FORMATS.items()}
-_OF_ERRORS = [str(name) for name in (Format.EXR, Format.NPZ, Format.HTML, Format.ERROR)]
 """The options that each format uses, by parameter name."""
 
 
@@ -295,8 +294,6 @@ def unused_by_outputs(
     warnings, used = [], {**used_by, **_RANGE_OPTIONS}
     for name, word in explicit.items():
         users = [kind for kind, options in used.items() if name in options]
-        if name == "error" and writing.max_error is None:
-            users = _OF_ERRORS
         if users and kinds.isdisjoint(users):
             warnings.append(f"{word} has no effect: it is for {', '.join(users)}")
     return warnings

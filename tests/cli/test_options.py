@@ -41,7 +41,6 @@ def test_options_are_few_in_the_first_section_and_have_one_name(name: str) -> No
         (("predict", "room.png", "-o", "x.ply", "--half"), "--half", "exr, normals-exr"),
         (("predict", "room.png", "-o", "x.png", "--vmin", "1"), "--vmin", f"preview, {NORMALIZED}"),
         (("batch", "in", "-o", "out", "--legend"), "--legend", "preview"),
-        (("batch", "in", "-o", "out", "--error", "--dry-run"), "--error", "exr, npz, html, error"),
         (
             ("video", "clip.avi", "-o", "d.mkv", "--no-audio"),
             "--no-audio",

@@ -75,7 +75,6 @@ def predict(
         **parse.map_options(camera, anchors, read, detail, writing, eye=eye),
     )
     results = job.predict(request)
-    explicit.pop("error", None)  # which is printed, whatever the outputs
     unused = parse.unused_by_outputs(explicit, destination.wanted, request.writing)
     of_depthcli = [f"{safe_name(name)} was written by depthcli; skipped" for name in skipped]
     screen.warn_all([*request.warnings, *unused, *of_depthcli])
